@@ -53,11 +53,14 @@ mod services;
 mod sign;
 mod signals;
 mod simulate;
+mod sparing;
 mod status;
 mod target;
+mod token;
 mod trace;
 mod values;
 
+use sparing::Sparing;
 use values::key_and_value;
 
 /// Holds a machine tool to its cold geometry.
@@ -132,6 +135,8 @@ enum Verb {
     Events(events::Arguments),
     /// What the running gateway does: the content of its page
     Status(status::Arguments),
+    /// A token for the page: who has it may look, or command
+    Token(token::Arguments),
     /// The JSON Schema of the profile, for editors
     #[command(after_help = "Example:\n  isotherm schema > isotherm.schema.json")]
     Schema,
@@ -205,6 +210,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Measured(arguments) => measured::run(&arguments),
         Verb::Events(arguments) => events::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),
+        Verb::Token(arguments) => token::run(&arguments),
         Verb::Schema => print_json(&isotherm_profile::schema()),
         Verb::Completions { shell } => {
             let mut script = Vec::new();
@@ -247,7 +253,10 @@ const UNREAD: usize = 2048;
 fn start_log(filter: &str) -> WorkerGuard {
     use tracing_subscriber::EnvFilter;
     use tracing_subscriber::field::MakeExt;
+    use tracing_subscriber::filter::FilterExt;
     use tracing_subscriber::fmt::format::debug_fn;
+    use tracing_subscriber::layer::{Layer, SubscriberExt};
+    use tracing_subscriber::util::SubscriberInitExt;
     let filter = EnvFilter::try_new(filter).unwrap_or_else(|_| EnvFilter::new("info"));
     let (writer, guard) =
         NonBlockingBuilder::default().buffered_lines_limit(UNREAD).finish(std::io::stderr());
@@ -256,18 +265,18 @@ fn start_log(filter: &str) -> WorkerGuard {
         "message" => write!(writer, "{}", one_line(&format!("{value:?}"))),
         name => write!(writer, "{name}={}", one_line(&format!("{value:?}"))),
     });
-    let log = tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let lines = tracing_subscriber::fmt::layer()
         .fmt_fields(fields.delimited(" "))
         .with_writer(writer)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false);
-    // A second start in one process, as tests make, keeps the first.
-    let _ = if std::env::var_os("JOURNAL_STREAM").is_some() {
-        log.without_time().try_init()
-    } else {
-        log.try_init()
+    // The service manager has the time beside them.
+    let lines = match std::env::var_os("JOURNAL_STREAM") {
+        Some(_) => lines.without_time().boxed(),
+        None => lines.boxed(),
     };
+    // A second start in one process, as tests make, keeps the first.
+    let _ = tracing_subscriber::registry().with(lines.with_filter(filter.and(Sparing::begin()))).try_init();
     guard
 }
 

@@ -47,6 +47,7 @@ mod panel;
 mod pause;
 mod poll;
 mod probing;
+mod rates;
 mod reported;
 mod restart;
 mod sealed;

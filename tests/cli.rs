@@ -15,7 +15,7 @@ use process::{PATIENCE, Running, file, free_port, isotherm};
 
 const MACHINE: &str = include_str!("interop/machine.toml");
 
-const VERBS: [&str; 24] = [
+const VERBS: [&str; 25] = [
     "demo",
     "run",
     "check",
@@ -40,6 +40,7 @@ const VERBS: [&str; 24] = [
     "status",
     "init",
     "sign",
+    "token",
 ];
 
 /// A verb that has ended.
@@ -509,7 +510,7 @@ fn status_has_the_content_of_the_page_for_people_programs_and_a_watchdog() {
 }
 
 /// Each verb as somebody may call it; what it needs lies in its directory.
-const CALLS: [&[&str]; 32] = [
+const CALLS: [&[&str]; 33] = [
     &["--help"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0", "--json"],
@@ -538,6 +539,7 @@ const CALLS: [&[&str]; 32] = [
     &["status", "machine.toml", "--state", "state"],
     &["init"],
     &["init", "--yes"],
+    &["token"],
     &["sign", "machine.toml", "--state", "state"],
     &["schema"],
     &["completions", "bash"],

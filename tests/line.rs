@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use isotherm::gateway::{Options, Pace};
 use isotherm::observe::asker::{Asker, Way};
-use isotherm::observe::status::{Command, Source};
+use isotherm::observe::status::{Answer, Command, Source};
 
 mod device;
 
@@ -200,7 +200,7 @@ fn beyond_the_error_level_the_axis_goes_to_zero_and_stays_off_until_it_is_armed(
         assert!(why.contains("more than axis.y.error"), "{why}");
         assert!(source.status().event_counts.contains_key("arm-refused"), "it says why not");
         set_bed(250);
-        wait_until(source, "it is armed where that can be", |_| arm().is_ok());
+        wait_until(source, "it is armed where that can be", |_| matches!(arm(), Ok(Answer::Done(_))));
         wait_until(source, "it follows again", |status| status.axes[0].state == "active");
     });
 }

@@ -5,6 +5,7 @@ use super::{ProfileArguments, gauge, load_quietly, print_json, warned};
 use crate::cli::say::{say, say_all, say_beside};
 use crate::discovery::can;
 use crate::gateway::control;
+use crate::observe::http::Admission;
 use isotherm_profile::Profile;
 use isotherm_profile::preview::{self, Preview};
 
@@ -62,11 +63,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 /// What keeps this profile from being run on this computer as it is.
 fn unlike_run(profile: &Profile) -> Vec<String> {
     let socket = control::path(&known_directory(profile.history.directory.as_deref()), &profile.name);
-    let token = profile.web.as_ref().and_then(|web| web.token_file.as_ref());
-    let token = token.filter(|token| !token.exists());
-    let token = token.map(|token| {
-        format!("web.token_file: {} is not there, and the page is not served without it", token.display())
-    });
+    let tokens = profile.web.as_ref().and_then(|web| Admission::of(web).err());
+    let tokens = tokens.map(|why| format!("[web]: {why}; the page is not served without it"));
     let socket = control::too_long(&socket).map(|why| format!("{}: {why}", socket.display()));
-    token.into_iter().chain(socket).collect()
+    tokens.into_iter().chain(socket).collect()
 }

@@ -64,6 +64,7 @@ impl RunningGateway {
                 say!("{said}")?;
                 Ok(())
             }
+            Answer::TooSoon(why) => anyhow::bail!("{why}"),
             Answer::Waits(said) => anyhow::bail!(
                 "{said}; it goes on waiting (`isotherm arm` stays and shows it, `isotherm disarm` ends it)"
             ),

@@ -17,7 +17,7 @@ use crate::discovery::can;
 use crate::gateway::{Gateway, Options, Outcome};
 use crate::observe::status::Source;
 use crate::virtual_machine::{AxisSummary, PlantSpec, Published, Setup, Summary, VirtualMachine};
-use isotherm_profile::{Profile, Web};
+use isotherm_profile::{Commands, Profile, Web};
 
 mod linuxcnc;
 mod logs;
@@ -91,6 +91,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mill = Mill::of(&arguments.machine)?;
     let mut sockets = Sockets::default();
     let page = open_page(&mut sockets, arguments.listen.as_deref(), profile.web.as_ref())?;
+    if !arguments.json {
+        say_beside!(
+            "everybody on this computer may command this demo through its page (commands = \"local\")"
+        );
+    }
     let outcome = super::runtime()?.block_on(show(arguments, profile, (plant, mill), sockets, page))?;
     anyhow::ensure!(!outcome.failed, "something failed inside; run it again with --log info");
     Ok(())
@@ -193,7 +198,8 @@ fn usable(profile: &Profile) -> anyhow::Result<()> {
 
 /// The page is worth having, but no reason to refuse a demo: where its port is taken, any other will do.
 fn open_page(sockets: &mut Sockets, listen: Option<&str>, web: Option<&Web>) -> anyhow::Result<String> {
-    let at = |listen: &str| Web { listen: listen.to_owned(), ..Web::default() };
+    // No machine moves by it.
+    let at = |listen: &str| Web { listen: listen.to_owned(), commands: Commands::Local, ..Web::default() };
     if let Some(listen) = listen {
         return sockets.open_page(&at(listen));
     }

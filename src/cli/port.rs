@@ -10,8 +10,9 @@ use super::certificate::Certificate;
 use crate::cli::say::say;
 use crate::fieldbus::explain;
 use crate::observe::events::{Event, PagePort};
+use crate::observe::http::Admission;
 use crate::observe::status::Source;
-use isotherm_profile::{PLAIN, Web, regular};
+use isotherm_profile::{PLAIN, Web};
 
 /// How often a port that is taken is tried.
 const AGAIN: Duration = Duration::from_secs(10);
@@ -21,27 +22,18 @@ const AGAIN: Duration = Duration::from_secs(10);
 pub(super) struct Port {
     listen: String,
     addresses: Vec<SocketAddr>,
-    token: Option<String>,
+    admission: Admission,
     certificate: Option<Certificate>,
     opened: Result<TcpListener, String>,
 }
 
-/// What a page is served by: its listener, its token, its certificate.
-type Opened = (tokio::net::TcpListener, Option<String>, Option<Certificate>);
+/// What a page is served by: its listener, whom it lets in, its certificate.
+type Opened = (tokio::net::TcpListener, Admission, Option<Certificate>);
 
 impl Port {
     /// Reads what it asks and shows; nothing is opened.
     pub(super) fn new(web: &Web) -> anyhow::Result<Port> {
-        let token = match &web.token_file {
-            Some(path) => {
-                let token = regular::read_text(path)
-                    .with_context(|| format!("the token file {} cannot be read", path.display()))?;
-                let token = token.trim().to_owned();
-                anyhow::ensure!(!token.is_empty(), "the token file {} is empty", path.display());
-                Some(token)
-            }
-            None => None,
-        };
+        let admission = Admission::of(web).map_err(anyhow::Error::msg)?;
         let addresses: Vec<SocketAddr> = web
             .listen
             .to_socket_addrs()
@@ -49,7 +41,7 @@ impl Port {
             .collect();
         let is_local = addresses.iter().all(|address| address.ip().is_loopback());
         anyhow::ensure!(
-            token.is_some() || is_local,
+            admission.has_token() || is_local,
             "the page may listen on {} only with web.token_file in the profile; without one, on loopback",
             web.listen
         );
@@ -60,7 +52,7 @@ impl Port {
         );
         let certificate = web.tls.as_ref().map(Certificate::open).transpose()?;
         let opened = Err("not opened yet".to_owned());
-        Ok(Port { listen: web.listen.clone(), addresses, token, certificate, opened })
+        Ok(Port { listen: web.listen.clone(), addresses, admission, certificate, opened })
     }
 
     pub(super) fn open(&mut self) -> std::io::Result<()> {
@@ -117,7 +109,7 @@ impl Port {
             source.report(&Event::Page(PagePort::Open { listen: self.listen.clone() }));
         }
         let listener = tokio::net::TcpListener::from_std(self.opened.map_err(Error::other)?)?;
-        Ok((listener, self.token, self.certificate))
+        Ok((listener, self.admission, self.certificate))
     }
 }
 

@@ -116,7 +116,7 @@ async fn serve_page(
     connections: usize,
     stopped: watch::Receiver<bool>,
 ) -> std::io::Result<()> {
-    let (listener, token, certificate) = port.listen(source.as_ref()).await?;
+    let (listener, admission, certificate) = port.listen(source.as_ref()).await?;
     let shown = certificate.as_ref().map(Certificate::shown);
     let renewing = async {
         match certificate {
@@ -126,7 +126,7 @@ async fn serve_page(
     };
     let door = Door::from(listener).secured(shown).within(Limits::of(connections));
     tokio::select! {
-        served = http::serve(door, source.clone(), token, until(stopped)) => served,
+        served = http::serve(door, source.clone(), admission, until(stopped)) => served,
         () = renewing => Ok(()),
     }
 }

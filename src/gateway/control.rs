@@ -2,7 +2,7 @@
 //! `zero`, `cancel`, `measured`.
 //!
 //! One line in, one line out: `disarm` → `ok z: off …` or `error …`; `measured z 3.2`, in µm, and `measured z clear`. Who may
-//! open the file may command. A line may end with
+//! open the file may command, once a second of an axis and verb. A line may end with
 //!
 //! | word | means |
 //! |---|---|
@@ -217,7 +217,7 @@ impl Desk {
         let said = match line.execute(self.source.as_ref(), &asker) {
             Ok(Answer::Waits(_)) => return follow(self.source.as_ref(), &line, &mut writer).await,
             Ok(Answer::Done(said)) => said_in_a_line("ok", &said),
-            Err(why) => said_in_a_line("error", &why),
+            Ok(Answer::TooSoon(why)) | Err(why) => said_in_a_line("error", &why),
         };
         say(&mut writer, &said).await
     }
@@ -243,7 +243,9 @@ async fn follow(source: &dyn Source, line: &Line<'_>, writer: &mut OwnedWriteHal
         };
         let text = match progress {
             Ok(Answer::Done(text)) => return say(writer, &said_in_a_line("ok", &text)).await,
-            Err(why) => return say(writer, &said_in_a_line("error", &why)).await,
+            Ok(Answer::TooSoon(why)) | Err(why) => {
+                return say(writer, &said_in_a_line("error", &why)).await;
+            }
             Ok(Answer::Waits(text)) => text,
         };
         if !line.stays && waited >= ARMING {
@@ -318,7 +320,7 @@ impl<'a> Line<'a> {
     fn execute(&self, source: &dyn Source, asker: &Arc<Asker>) -> Result<Answer, String> {
         match self.what {
             What::Command(command) => source.command(command, self.axis, asker),
-            What::Measured(axis, error) => source.measured(axis, error, asker).map(Answer::Done),
+            What::Measured(axis, error) => source.measured(axis, error, asker),
         }
     }
 }

@@ -7,11 +7,13 @@ use std::sync::Arc;
 use super::arming::ArmRequest;
 use super::core::Core;
 use super::probing::{Missed, acting, why_refused};
+use super::rates::{About, Now};
 use super::shared::Shared;
 use super::signing;
 use super::status::status;
 use super::storage::keeping::of_decisions;
 use super::why;
+use crate::clock::Passing;
 use crate::observe::asker::Asker;
 use crate::observe::events::file::{self, Found};
 use crate::observe::events::{Entry, Event};
@@ -64,11 +66,11 @@ impl Source for Panel {
         signing::progress(&core, axis)
     }
 
-    fn measured(&self, axis: &str, error: Option<f64>, asker: &Asker) -> Result<String, String> {
+    fn measured(&self, axis: &str, error: Option<f64>, asker: &Asker) -> Result<Answer, String> {
         self.commands.measured(axis, error, asker)
     }
 
-    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<String, String> {
+    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String> {
         self.commands.acknowledge(alarm, asker)
     }
 
@@ -113,6 +115,12 @@ impl PageHandle {
         unkept.for_each(|entry| found(Found::Event(entry)));
         Ok(())
     }
+}
+
+/// What a command for these axes is about; for one that nobody knows, nothing.
+fn about<E>(axes: Result<&[usize], E>) -> Vec<About> {
+    let each = |axes: &[usize]| axes.iter().map(|axis| About::Axis(*axis)).collect();
+    axes.map_or_else(|_| vec![About::Nothing], each)
 }
 
 /// The axis that is meant, where only one can be.
@@ -162,6 +170,13 @@ impl CommandHandle {
         let name = |place: &usize| shared.profile.axes[*place].settings.name.clone();
         let names: Vec<String> = chosen.iter().flatten().map(name).collect();
         let said = names.join(", ");
+        // What makes the machine stand still is never late.
+        let about = about(chosen.as_deref());
+        if self.withdraws(command, chosen.as_deref().unwrap_or_default()) {
+            shared.rates().note(command.name(), &about, self.now());
+        } else if let Err(too_soon) = self.takes(command.name(), &about) {
+            return Ok(too_soon);
+        }
         self.carry_out((command.name().to_owned(), names), asker, Answer::text, |core| {
             let chosen = chosen?;
             match command {
@@ -215,6 +230,40 @@ impl CommandHandle {
                 }
             }
         })
+    }
+
+    /// It takes back something that one of these axes does, or is to do.
+    fn withdraws(&self, command: Command, axes: &[usize]) -> bool {
+        let core = self.0.core();
+        let does = |axis: &usize| {
+            let arming = &core.arming[*axis];
+            match command {
+                Command::Disarm => arming.armed || arming.is_waiting(&self.0.profile, *axis),
+                Command::Cancel => arming.asked.is_some() || arming.sign.is_some(),
+                _ => false,
+            }
+        };
+        axes.iter().any(does)
+    }
+
+    fn now(&self) -> Now {
+        Now { machine: self.0.clock.now(), passed: Passing::default().passed() }
+    }
+
+    /// Whether a command comes not too soon after the same one; else the answer to it.
+    fn takes(&self, verb: &'static str, about: &[About]) -> Result<(), Answer> {
+        if self.0.rates().take(verb, about, self.now()) {
+            return Ok(());
+        }
+        let axes = about.iter().filter_map(|about| match about {
+            About::Axis(place) => Some(self.0.profile.axes[*place].settings.name.as_str()),
+            _ => None,
+        });
+        let axes = axes.collect::<Vec<_>>().join(", ");
+        let of = if axes.is_empty() { String::new() } else { format!("{axes}: ") };
+        Err(Answer::TooSoon(format!(
+            "{of}{verb} was asked for less than a second ago, and is taken once a second"
+        )))
     }
 
     /// The places of the axes that are meant.
@@ -312,8 +361,15 @@ impl CommandHandle {
     }
 
     /// A person has seen it: an event, and nothing else. The state of the machine is not even locked for it.
-    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<String, String> {
+    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String> {
         let shared = &*self.0;
+        let about = alarm.map(|alarm| {
+            let stands = shared.journal.alarms().iter().any(|one| one.id == alarm);
+            if stands { About::Alarm(alarm.to_owned()) } else { About::Nothing }
+        });
+        if let Err(too_soon) = self.takes("acknowledge", &[about.unwrap_or(About::Alarm(String::new()))]) {
+            return Ok(too_soon);
+        }
         let command = alarm.map_or("acknowledge".to_owned(), |alarm| format!("acknowledge {alarm}"));
         if let Some(why) = asker.has_lapsed() {
             let (way, who, said) = (asker.way, asker.who.clone(), format!("not done: {why}"));
@@ -329,12 +385,16 @@ impl CommandHandle {
         };
         let answered = answer.as_ref().map(String::as_str).map_err(String::as_str);
         shared.report(&reported(command, Vec::new(), asker, answered));
-        answer
+        answer.map(Answer::Done)
     }
 
     /// The error is that of the diameter where the axis acts on one.
-    fn measured(&self, axis: &str, error: Option<f64>, asker: &Asker) -> Result<String, String> {
+    fn measured(&self, axis: &str, error: Option<f64>, asker: &Asker) -> Result<Answer, String> {
         let shared = &*self.0;
+        let verb = if error.is_some() { "measured" } else { "measured clear" };
+        if let Err(too_soon) = self.takes(verb, &about(self.chosen(Some(axis)).as_deref())) {
+            return Ok(too_soon);
+        }
         let command = match error {
             Some(error) => format!("measured {error} µm"),
             None => "measured clear".to_owned(),
@@ -373,5 +433,6 @@ impl CommandHandle {
             core.probing[place].measured = Some(measured);
             Ok(format!("{axis}: {error_of_radius} with a Cz of {acting} acting; it is learned from at once"))
         })
+        .map(Answer::Done)
     }
 }

@@ -5,12 +5,13 @@
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError, TryLockError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use super::core::{Core, Given};
 use super::dependents::Dependents;
 use super::ledger::Ledger;
 use super::lock::Held;
+use super::rates::Rates;
 use crate::clock::{Clock, Wakeup};
 use crate::observe::events::{Event, Journal};
 use isotherm_core::quantity::Moment;
@@ -30,6 +31,8 @@ pub(crate) struct Shared {
     news: Vec<AtomicU64>,
     turns: Vec<AtomicU64>,
     core: Mutex<Core>,
+    /// When each command was taken last.
+    rates: Mutex<Rates>,
 }
 
 impl Shared {
@@ -55,6 +58,7 @@ impl Shared {
             news: counts(),
             turns: counts(),
             core: Mutex::new(core(given)),
+            rates: Mutex::default(),
             clock,
             profile,
         }
@@ -64,6 +68,10 @@ impl Shared {
     /// stopped the gateway; what it left is still needed for the fault actions.
     pub(super) fn core(&self) -> Held<'_> {
         Held::new(self.core.lock().unwrap_or_else(PoisonError::into_inner), self)
+    }
+
+    pub(super) fn rates(&self) -> MutexGuard<'_, Rates> {
+        self.rates.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub(super) fn is_free(&self) -> bool {

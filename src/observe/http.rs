@@ -10,6 +10,7 @@
 //! Nothing here is awaited by the loop: a slow or silent reader costs only itself.
 
 mod access;
+mod admission;
 mod alarms;
 mod connection;
 mod crowd;
@@ -17,19 +18,28 @@ mod door;
 mod events;
 mod history;
 mod live;
+mod login;
 mod measured;
 mod peer;
+mod refusal;
+mod refusals;
 mod request;
+mod tokens;
+mod visits;
+
+pub use admission::Admission;
+pub use tokens::{TokenFile, new_token};
 
 use std::io;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use axum::extract::{ConnectInfo, Path, RawQuery, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{Html, IntoResponse, Json, Response};
 use axum::routing::{get, post};
-use axum::{Router, middleware};
+use axum::{Extension, Router, middleware};
+use isotherm_profile::Language;
 use percent_encoding::percent_decode_str;
 use serde::Serialize;
 use tokio::sync::{Semaphore, watch};
@@ -37,10 +47,12 @@ use tokio::sync::{Semaphore, watch};
 pub use self::crowd::Limits;
 pub use self::door::{Door, Shown};
 
-use self::access::{Access, Entered};
+use self::access::{Access, Pass};
 use self::peer::Peer;
+use self::refusal::TOO_OFTEN;
+use self::tokens::Role;
 use super::asker::{Asker, Attendance};
-use super::page::Words;
+use super::page::{May, Words};
 use super::status::{Answer, Command, Source, Status};
 use super::{metrics, page};
 use isotherm_profile::one_line;
@@ -53,11 +65,12 @@ const GRACE: Duration = Duration::from_millis(500);
 const HEADERS: [(HeaderName, &str); 5] = [
     (
         header::CONTENT_SECURITY_POLICY,
-        "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+        "default-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
     ),
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (header::X_FRAME_OPTIONS, "DENY"),
-    (header::REFERRER_POLICY, "no-referrer"),
+    // With none at all a browser does not say either that a form is our own.
+    (header::REFERRER_POLICY, "same-origin"),
     (header::CACHE_CONTROL, "no-store"),
 ];
 
@@ -71,6 +84,8 @@ struct Room {
     readers: Arc<Semaphore>,
     /// The turn to read the events.
     events: Arc<Semaphore>,
+    /// The profile's, once somebody who may not see the status had to be spoken to.
+    language: Arc<OnceLock<Option<Language>>>,
 }
 
 impl Room {
@@ -88,33 +103,27 @@ struct Said {
 
 /// Answers at `door` until `shutdown` completes; then ends the live streams and returns within a second.
 ///
-/// With a `token`, everything but `/healthz` asks for it. Without one, requests must name this computer by
-/// `localhost` or by address, and commands are taken from this computer only.
+/// The table at the head of `http/access.rs` says who may look and who may command.
 ///
 /// # Errors
-/// When the listener has no address, or the token is empty.
+/// When the listener has no address.
 pub async fn serve(
     door: impl Into<Door>,
     source: Arc<dyn Source>,
-    token: Option<String>,
+    admission: Admission,
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> io::Result<()> {
-    if token.as_deref().is_some_and(str::is_empty) {
-        return Err(io::Error::new(
-            io::ErrorKind::InvalidInput,
-            "the token is empty: leave it out or set one",
-        ));
-    }
     let door = door.into();
-    let access = Arc::new(Access::new(token, door.address()?.ip(), door.scheme()));
+    let access = Arc::new(Access::new(admission, door.address()?, door.scheme() == "https"));
     let limits = door.limits();
     let (stop, stopped) = watch::channel(());
     let live = live::Live::start(Arc::clone(&source), limits.streams, stopped.clone());
     let attendance = Attendance::default();
     let readers = Arc::new(Semaphore::new(history::AT_ONCE));
     let events = Arc::new(Semaphore::new(1));
-    let room = Room { source, access, live, attendance: attendance.clone(), readers, events };
-    let router = router(room, limits.body);
+    let language = Arc::default();
+    let room = Room { source, access, live, attendance: attendance.clone(), readers, events, language };
+    let router = router(room.clone(), limits.body);
     let serving = door.serve(router, stopped);
     // A peer that never finishes its request must not keep the gateway from stopping.
     let overdue = async {
@@ -126,6 +135,7 @@ pub async fn serve(
         () = serving => {}
         () = overdue => {}
         () = attendance.keep() => {}
+        () = Access::keep(room) => {}
     }
     Ok(())
 }
@@ -148,6 +158,8 @@ fn router(room: Room, body_within: Duration) -> Router {
     });
     commands
         .route("/", get(front))
+        .route("/login", get(login::show).post(login::begin))
+        .route(access::LOGOUT, post(login::end))
         .route("/page/{file}", get(file))
         .route("/api/status", get(status))
         .route("/api/live", get(stream))
@@ -182,23 +194,31 @@ async fn with_headers(mut response: Response) -> Response {
 
 async fn front(
     State(room): State<Room>,
-    ConnectInfo(peer): ConnectInfo<Peer>,
-    entered: Option<axum::Extension<Entered>>,
+    Extension(pass): Extension<Pass>,
     RawQuery(query): RawQuery,
     headers: HeaderMap,
 ) -> Response {
-    let accepted = headers.get(header::ACCEPT_LANGUAGE).and_then(|given| given.to_str().ok());
     let status = room.source.status();
-    let words = Words::choose(status.language, accepted.unwrap_or_default());
+    let words = words(status.language, &headers);
     let shell = match query.and_then(|query| parameter(&query, "view")).as_deref() {
         Some("wall") => page::wall(words, &status),
-        _ => page::front(words, &status, room.access.takes_commands_from(peer.ip())),
+        _ => page::front(words, &status, may(&room, &pass), pass.is_visit()),
     };
-    let shell = Html(shell.into_string());
-    match entered.and_then(|entered| room.access.cookie(&entered)) {
-        Some(cookie) => ([(header::SET_COOKIE, cookie)], shell).into_response(),
-        None => shell.into_response(),
+    Html(shell.into_string()).into_response()
+}
+
+/// What a browser may, as far as one knows before it does.
+fn may(room: &Room, pass: &Pass) -> May {
+    match pass.role {
+        Role::Operator => May::Command,
+        Role::Viewer if room.access.has_operator() => May::SignIn,
+        Role::Viewer => May::MakeToken,
     }
+}
+
+fn words(named: Option<Language>, headers: &HeaderMap) -> &'static Words {
+    let accepted = headers.get(header::ACCEPT_LANGUAGE).and_then(|given| given.to_str().ok());
+    Words::choose(named, accepted.unwrap_or_default())
 }
 
 async fn file(Path(name): Path<String>) -> Response {
@@ -212,8 +232,9 @@ async fn status(State(room): State<Room>) -> Json<Status> {
     Json(room.source.status())
 }
 
-async fn stream(State(room): State<Room>) -> Response {
-    match room.live.stream() {
+async fn stream(State(room): State<Room>, Extension(pass): Extension<Pass>) -> Response {
+    let access = Arc::clone(&room.access);
+    match room.live.stream(move || access.is_still(&pass)) {
         Some(stream) => stream.into_response(),
         None => {
             let text = "As many watch this machine as may at once. Close a page, or ask for /api/status.\n";
@@ -224,7 +245,7 @@ async fn stream(State(room): State<Room>) -> Response {
 
 fn take(room: &Room, command: Command, query: Option<&str>, asker: &Arc<Asker>) -> Response {
     let axis = query.and_then(|query| parameter(query, "axis"));
-    answered(room.source.command(command, axis.as_deref(), asker))
+    answered(room, room.source.command(command, axis.as_deref(), asker))
 }
 
 /// A parameter of the query.
@@ -234,10 +255,15 @@ fn parameter(query: &str, name: &str) -> Option<String> {
     Some(percent_decode_str(given).decode_utf8().ok()?.into_owned())
 }
 
-fn answered(said: Result<Answer, String>) -> Response {
+fn answered(room: &Room, said: Result<Answer, String>) -> Response {
     let (code, done, answer) = match said {
         Ok(Answer::Done(answer)) => (StatusCode::OK, true, answer),
         Ok(Answer::Waits(answer)) => (StatusCode::ACCEPTED, false, answer),
+        Ok(Answer::TooSoon(answer)) => {
+            room.access.refused.count(TOO_OFTEN);
+            let said = Json(Said { done: false, answer });
+            return (StatusCode::TOO_MANY_REQUESTS, [(header::RETRY_AFTER, "1")], said).into_response();
+        }
         Err(answer) => (StatusCode::CONFLICT, false, answer),
     };
     // What was asked for stands in it, and a person may read it on a terminal.
@@ -246,7 +272,7 @@ fn answered(said: Result<Answer, String>) -> Response {
 }
 
 async fn scrape(State(room): State<Room>) -> Response {
-    let text = metrics::exposition(&room.source.status());
+    let text = metrics::exposition(&room.source.status(), &room.access.refused.read());
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
 }
 

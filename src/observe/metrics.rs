@@ -42,22 +42,27 @@ const GAUGES: [(&str, &str); 23] = [
 ];
 
 /// What each number is that only goes up.
-const COUNTERS: [(&str, &str); 7] = [
+const COUNTERS: [(&str, &str); 8] = [
     ("isotherm_device_requests_total", "Requests sent."),
     ("isotherm_device_failures_total", "Requests that failed, by blame."),
     ("isotherm_bus_cycles_total", "Cycles run."),
     ("isotherm_bus_overruns_total", "Cycles that ended too late."),
     ("isotherm_output_writes_total", "Writes that were verified."),
     ("isotherm_events_total", "Events, by kind."),
+    ("isotherm_refused_total", "Requests that were turned away, by why."),
     ("isotherm_log_dropped_total", "Rows and states lost because the queue to the disk was full."),
 ];
 
-pub(super) fn exposition(status: &Status) -> String {
+/// `refused` is how often whom the page turned away, by why.
+pub(super) fn exposition(status: &Status, refused: &[(&'static str, u64)]) -> String {
     let recorder = PrometheusBuilder::new().build_recorder();
     with_local_recorder(&recorder, || {
         GAUGES.into_iter().for_each(|(name, help)| describe_gauge!(name, help));
         COUNTERS.into_iter().for_each(|(name, help)| describe_counter!(name, help));
         record(status);
+        for (why, count) in refused {
+            counter!("isotherm_refused_total", labels(&status.machine, &[("why", why)])).absolute(*count);
+        }
     });
     let mut text = recorder.handle().render();
     write_jitter(&mut text, status);

@@ -2,21 +2,24 @@
 //!
 //! Everything is in the program; the page works on a machine network without any other.
 
+mod login;
 mod words;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::status::Status;
+pub(super) use login::login;
 pub(super) use words::Words;
 
 const STYLE: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Name, content type and text of each file under `/page/`.
-const FILES: [(&str, &str, &str); 20] = [
+const FILES: [(&str, &str, &str); 21] = [
     ("page.css", STYLE, include_str!("page/page.css")),
     ("axis.css", STYLE, include_str!("page/axis.css")),
     ("past.css", STYLE, include_str!("page/past.css")),
+    ("login.css", STYLE, include_str!("page/login.css")),
     ("wall.css", STYLE, include_str!("page/wall.css")),
     ("main.js", SCRIPT, include_str!("page/main.js")),
     ("wall.js", SCRIPT, include_str!("page/wall.js")),
@@ -41,8 +44,23 @@ pub(super) fn file(name: &str) -> Option<(&'static str, &'static str)> {
     FILES.iter().find(|(known, ..)| *known == name).map(|(_, kind, text)| (*kind, *text))
 }
 
-/// The shell. `may_command` is false where commands would be refused anyway.
-pub(super) fn front(words: &Words, status: &Status, may_command: bool) -> Markup {
+/// What whoever looks may do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum May {
+    /// Command.
+    Command,
+    /// Look; with the operator's token also command.
+    SignIn,
+    /// Look; there is no token to command with.
+    MakeToken,
+}
+
+/// What makes a token, and what the profile says of it.
+const TOKEN_LINES: &str = "isotherm token --out /etc/isotherm/operator.token\n\
+                           token_file = \"/etc/isotherm/operator.token\"   # below [web]";
+
+/// The shell. Its buttons stay grey where commands would be refused anyway.
+pub(super) fn front(words: &Words, status: &Status, may: May, is_signed_in: bool) -> Markup {
     let files = html! {
         link rel="stylesheet" href="/page/page.css";
         link rel="stylesheet" href="/page/axis.css";
@@ -58,7 +76,7 @@ pub(super) fn front(words: &Words, status: &Status, may_command: bool) -> Markup
         &html! {
             body {
                 (head(words, status))
-                (main(words, may_command))
+                (main(words, may, is_signed_in))
                 footer {
                     p {
                         "isotherm " (status.version) " · "
@@ -151,18 +169,27 @@ fn head(words: &Words, status: &Status) -> Markup {
     }
 }
 
-fn main(words: &Words, may_command: bool) -> Markup {
+fn main(words: &Words, may: May, is_signed_in: bool) -> Markup {
     html! {
         main {
             noscript { p .lost { (words.get("no_script")) } }
             section .commands aria-label=(words.get("commands")) {
-                div .buttons data-may=(may_command) {
+                div .buttons data-may=(may == May::Command) {
                     @for command in ["arm", "disarm", "zero"] {
                         button type="button" data-command=(command) disabled { (words.get(command)) }
                     }
                 }
-                p #answer role="status" {
-                    @if !may_command { (words.get("commands_only_here")) }
+                @match may {
+                    May::Command => {}
+                    May::SignIn => { p { (words.get("commands_want_operator")) " " a href="/login" { (words.get("sign_in")) } } }
+                    May::MakeToken => {
+                        p { (words.get("commands_want_token")) }
+                        pre { code { (TOKEN_LINES) } }
+                    }
+                }
+                p #answer role="status" {}
+                @if is_signed_in {
+                    form method="post" action="/api/logout" { button .small type="submit" { (words.get("sign_out")) } }
                 }
             }
             section #alarms .alarms hidden {

@@ -41,13 +41,13 @@ pub trait Source: Send + Sync + 'static {
     ///
     /// # Errors
     /// A sentence that says why not.
-    fn measured(&self, axis: &str, error_um: Option<f64>, asker: &Asker) -> Result<String, String>;
+    fn measured(&self, axis: &str, error_um: Option<f64>, asker: &Asker) -> Result<Answer, String>;
 
     /// Somebody has seen an alarm, or all that stand. The answer is a sentence.
     ///
     /// # Errors
     /// A sentence that says why not.
-    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<String, String>;
+    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String>;
 
     /// The logs of decisions that may have rows of this span; `None` where none are kept.
     fn logs(&self, from: Moment, to: Moment) -> Option<Vec<PathBuf>>;
@@ -72,12 +72,14 @@ pub enum Answer {
     Done(String),
     /// It will be, once what the sentence names is over.
     Waits(String),
+    /// It is not: the same was asked for a moment ago.
+    TooSoon(String),
 }
 
 impl Answer {
     /// The sentence.
     pub fn text(&self) -> &str {
-        let (Answer::Done(text) | Answer::Waits(text)) = self;
+        let (Answer::Done(text) | Answer::Waits(text) | Answer::TooSoon(text)) = self;
         text
     }
 }

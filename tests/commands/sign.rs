@@ -65,10 +65,10 @@ fn a_wrong_sign_is_said_with_what_to_do_and_a_program_may_check_too() {
         (202, _) => Ok(()),
         (code, said) => Err(format!("{code} {said}")),
     });
-    let (code, said) = bench.http("POST", "/api/sign", "");
-    assert!(code == 409 && said.contains("being checked already"), "{said}");
     let (code, said) = bench.http("POST", "/api/sign-plus", "");
     assert!(code == 409 && said.contains("not there yet"), "{said}");
+    let (code, said) = bench.http("POST", "/api/sign", "");
+    assert!(code == 409 && said.contains("being checked already"), "{said}");
     stands_at(&bench, 50);
     until("it is there", || match bench.axis()["sign"]["there"] == true {
         true => Ok(()),

@@ -7,6 +7,7 @@ use std::time::Duration;
 use isotherm::cli::replay::replay;
 use isotherm::clock::Clock;
 use isotherm::gateway::Options;
+use isotherm::observe::http::Admission;
 use isotherm::virtual_machine::FaultScript;
 use isotherm_core::quantity::Moment;
 
@@ -81,7 +82,12 @@ fn clients_that_never_read_change_nothing_on_the_bus() {
             let address = listener.local_addr().unwrap();
             let listener = tokio::net::TcpListener::from_std(listener).unwrap();
             let source = stage.source.clone();
-            tokio::spawn(isotherm::observe::http::serve(listener, source, None, std::future::pending()));
+            tokio::spawn(isotherm::observe::http::serve(
+                listener,
+                source,
+                Admission::default(),
+                std::future::pending(),
+            ));
             for _ in 0..20 {
                 let mut client = std::net::TcpStream::connect(address).unwrap();
                 let ask = "GET /api/status HTTP/1.1\r\nHost: localhost\r\n\r\n".repeat(50);

@@ -4,11 +4,12 @@ use std::time::Duration;
 
 use isotherm::cli::replay::replay;
 use isotherm::gateway::Options;
-use isotherm::observe::status::{ProbeStatus, Status};
+use isotherm::observe::status::{Answer, ProbeStatus, Status};
 
 use crate::law;
-use crate::rig::{BENCH, LATHE, Sample, Trace, World, block_on, profile, somebody};
+use crate::rig::{BENCH, LATHE, Sample, Stage, Trace, World, block_on, profile, somebody};
 
+const SECOND: Duration = Duration::from_secs(1);
 const MINUTE: Duration = Duration::from_secs(60);
 
 /// The bench with a probing cycle every two minutes, that leaves its result in the CNC.
@@ -87,7 +88,7 @@ fn a_person_measures_and_takes_it_back_and_the_log_gives_it_all_again() {
     let directory = tempfile::tempdir().unwrap();
     let text = probing(COUNTER.0, "trigger = \"probed\"\ngains = { forgetting = 0.98, limit = 0.2 }");
     let measured = |error| {
-        move |stage: &crate::rig::Stage<'_>| {
+        move |stage: &Stage<'_>| {
             stage.source.measured("z", error, &somebody()).unwrap();
         }
     };
@@ -119,17 +120,22 @@ fn what_a_person_sends_is_held_against_what_stands_in_the_machine() {
     let trace = block_on(async {
         let text = probing("", "").replace("signal = \"probe_z\"\n", "").replace("200.0", "20.0");
         let mut world = World::new(&text, "").await;
-        let trial = world.gateway().at(5 * MINUTE, |stage| {
-            let refused = |axis, error| stage.source.measured(axis, error, &somebody()).unwrap_err();
-            assert!(refused("q", Some(1.0)).contains("there is no axis q; there are z"));
-            assert!(refused("z", Some(f64::NAN)).contains("a finite number"));
-            let far = refused("z", Some(400.0));
+        let send = |stage: &Stage<'_>, axis, error| stage.source.measured(axis, Some(error), &somebody());
+        let trial = world.gateway().at(5 * MINUTE, move |stage| {
+            assert!(send(stage, "q", 1.0).unwrap_err().contains("there is no axis q; there are z"));
+            assert!(send(stage, "z", f64::NAN).unwrap_err().contains("a finite number"));
+            assert!(matches!(send(stage, "z", 3.0), Ok(Answer::TooSoon(_))), "one a second");
+        });
+        let trial = trial.at(5 * MINUTE + SECOND, move |stage| {
+            let far = send(stage, "z", 400.0).unwrap_err();
             assert!(
                 far.contains("the model would be wrong by") && far.contains("axis.z.probe.max_error"),
                 "{far}"
             );
-            let said = stage.source.measured("z", Some(3.0), &somebody()).unwrap();
-            assert!(said.starts_with("z: 3.0 µm with a Cz of"), "{said}");
+        });
+        let trial = trial.at(5 * MINUTE + 2 * SECOND, move |stage| {
+            let said = send(stage, "z", 3.0).unwrap();
+            assert!(said.text().starts_with("z: 3.0 µm with a Cz of"), "{said:?}");
         });
         trial.run(6 * MINUTE).await
     });

@@ -10,7 +10,7 @@ use isotherm::clock::{Clock, Hold};
 use isotherm::gateway::{Gateway, Options, Outcome};
 use isotherm::observe::asker::{Asker, Way};
 use isotherm::observe::events::Entry;
-use isotherm::observe::status::{Command, Source, Status};
+use isotherm::observe::status::{Answer, Command, Source, Status};
 use isotherm::virtual_machine::{
     FaultScript, PlantSpec, Ports, Seen, Setup, Taken, UnknownUnit, VirtualMachine,
 };
@@ -209,7 +209,8 @@ impl<'a> Trial<'a> {
 
     pub(crate) fn command(self, after: Duration, command: Command) -> Self {
         self.at(after, move |stage| {
-            stage.source.command(command, None, &somebody()).unwrap();
+            let answer = stage.source.command(command, None, &somebody()).unwrap();
+            assert!(!matches!(answer, Answer::TooSoon(_)), "{answer:?}");
         })
     }
 

@@ -4,21 +4,24 @@
 #![allow(dead_code, reason = "each of the tests uses its part")]
 
 use std::collections::BTreeMap;
+use std::fs::Permissions;
 use std::io;
 use std::net::{IpAddr, SocketAddr};
-use std::path::PathBuf;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
 use isotherm::observe::asker::Asker;
 use isotherm::observe::events::file::Found;
 use isotherm::observe::events::{Entry, Event, Level};
-use isotherm::observe::http::serve;
+use isotherm::observe::http::{Admission, TokenFile, serve};
 use isotherm::observe::status::{
     Answer, AxisStatus, BusStatus, Command, DeviceStatus, GainStatus, OutputStatus, ProbeStatus,
     ProbedStatus, SignalStatus, Source, Status,
 };
 use isotherm_core::quantity::Moment;
+use isotherm_profile::Commands;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
@@ -75,11 +78,11 @@ impl Source for Fake {
         self.arming(axis)
     }
 
-    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<String, String> {
+    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String> {
         self.askers.lock().unwrap().push(format!("{asker:?} has seen {}", alarm.unwrap_or("all")));
         match alarm {
             Some("nothing") => Err("no such alarm stands".into()),
-            _ => Ok("one alarm is seen".into()),
+            _ => Ok(Answer::Done("one alarm is seen".into())),
         }
     }
 
@@ -103,11 +106,11 @@ impl Source for Fake {
         Ok(())
     }
 
-    fn measured(&self, axis: &str, error_um: Option<f64>, _: &Asker) -> Result<String, String> {
+    fn measured(&self, axis: &str, error_um: Option<f64>, _: &Asker) -> Result<Answer, String> {
         self.measured.lock().unwrap().push((axis.into(), error_um));
         match error_um {
             Some(error) if error.abs() > 25.0 => Err("z: not learned from".into()),
-            _ => Ok("z: as you say".into()),
+            _ => Ok(Answer::Done("z: as you say".into())),
         }
     }
 }
@@ -244,22 +247,44 @@ pub(crate) struct Door {
     fake: Arc<Fake>,
     stop: Option<oneshot::Sender<()>>,
     serving: JoinHandle<io::Result<()>>,
+    _tokens: tempfile::TempDir,
+}
+
+/// Of those who look, at each door that has a token.
+pub(crate) const VIEWER: &str = "looks-and-no-more";
+
+/// A file with a token, as it must be.
+pub(crate) fn token_file(path: &Path, token: &str) -> TokenFile {
+    std::fs::write(path, token).unwrap();
+    std::fs::set_permissions(path, Permissions::from_mode(0o600)).unwrap();
+    TokenFile::read(path).unwrap()
 }
 
 impl Door {
+    /// One where this computer commands; or, with the operator's token, whoever has it, and the viewer's looks.
     pub(crate) async fn open(token: Option<&str>) -> Door {
-        Door::open_at("127.0.0.1:0", token).await
+        let tokens = tempfile::tempdir().unwrap();
+        let file = |name: &str, token| Some(token_file(&tokens.path().join(name), token));
+        let admission = match token {
+            Some(token) => Admission {
+                operator: file("operator", token),
+                viewer: file("viewer", VIEWER),
+                ..Admission::default()
+            },
+            None => Admission { commands: Commands::Local, ..Admission::default() },
+        };
+        Door::open_at("127.0.0.1:0", admission, tokens).await
     }
 
-    pub(crate) async fn open_at(address: &str, token: Option<&str>) -> Door {
+    pub(crate) async fn open_at(address: &str, admission: Admission, tokens: tempfile::TempDir) -> Door {
         let listener = TcpListener::bind(address).await.unwrap();
         let address = listener.local_addr().unwrap();
         let fake = Arc::new(Fake::default());
         let (stop, stopped) = oneshot::channel::<()>();
         let shutdown = async { drop(stopped.await) };
         let source = Arc::clone(&fake) as Arc<dyn Source>;
-        let serving = tokio::spawn(serve(listener, source, token.map(str::to_owned), shutdown));
-        Door { address, fake, stop: Some(stop), serving }
+        let serving = tokio::spawn(serve(listener, source, admission, shutdown));
+        Door { address, fake, stop: Some(stop), serving, _tokens: tokens }
     }
 
     pub(crate) fn seen_from(mut self, address: IpAddr) -> Door {

@@ -188,6 +188,17 @@ fn a_page_for_the_network_wants_a_token() {
     );
     refused("listen = \"127.0.0.1:0\"", "listen = \"8080\"", "web.listen", "\"8080\"", &["host and port"]);
     assert!(with("listen = \"127.0.0.1:0\"", "listen = \"[::1]:8080\"").is_ok());
+    for key in ["token_file", "viewer_token_file"] {
+        let key = format!("listen = \"0.0.0.0:80\"\nplain = true\n{key} = \"/etc/token\"");
+        assert!(with("listen = \"127.0.0.1:0\"", &key).is_ok());
+    }
+    refused(
+        "listen = \"127.0.0.1:0\"",
+        "token_file = \"/etc/token\"\nviewer_token_file = \"/etc/token\"",
+        "web.viewer_token_file",
+        "\"/etc/token\"",
+        &["whoever looks could command"],
+    );
 }
 
 #[test]
@@ -221,6 +232,22 @@ fn a_page_for_the_network_wants_tls_or_that_somebody_says_it_may_be_plain() {
             .iter()
             .all(|warning| !warning.to_string().contains("web."))
     );
+}
+
+#[test]
+fn who_may_command_the_page_is_a_word_and_everybody_on_this_computer_is_warned_of() {
+    let listen = "listen = \"127.0.0.1:0\"";
+    let loaded = with(listen, "commands = \"local\"").unwrap();
+    let warned = &loaded.warnings[0];
+    assert!(warned.message.contains("everybody on this computer may arm"), "{warned}");
+    assert!(warned.help.as_deref().is_some_and(|help| help.contains("isotherm token --out")), "{warned}");
+    assert_eq!(with(listen, "commands = \"token\"").unwrap().warnings, []);
+    refused(listen, "commands = \"all\"", "web.commands", "\"all\"", &["token", "local"]);
+    assert!(with(listen, "hosts = [\"gw7.plant.example\"]").is_ok());
+    for host in ["http://gw7", "gw7:8080", "", "gw 7"] {
+        let hosts = format!("hosts = [\"{host}\"]");
+        refused(listen, &hosts, "web.hosts[0]", &format!("\"{host}\""), &["the name alone"]);
+    }
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use isotherm::clock::Passing;
-use isotherm::observe::http::{Door, Limits, serve};
+use isotherm::observe::http::{Admission, Door, Limits, serve};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 
@@ -18,7 +18,8 @@ async fn page(limits: Limits) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
     let door = Door::from(listener).within(limits);
-    tokio::spawn(serve(door, Arc::new(Fake::default()), None, std::future::pending()));
+    let admission = Admission { commands: isotherm_profile::Commands::Local, ..Admission::default() };
+    tokio::spawn(serve(door, Arc::new(Fake::default()), admission, std::future::pending()));
     address
 }
 

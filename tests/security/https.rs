@@ -17,7 +17,7 @@ use crate::certificates::{Authority, Signed};
 use crate::process::until;
 use crate::rig::{Machine, ask, get};
 
-const WEB: &str = "[web]\nlisten = \"127.0.0.1:0\"\ntls = { cert = \"page.pem\", key = \"page.key\" }\n";
+const WEB: &str = "[web]\nlisten = \"127.0.0.1:0\"\ncommands = \"local\"\ntls = { cert = \"page.pem\", key = \"page.key\" }\n";
 
 /// Asks whoever shows a certificate of this authority.
 fn asks(authority: &str, page: SocketAddr, request: &str) -> Result<String, String> {

@@ -14,7 +14,10 @@ mod layers;
 mod port;
 #[path = "../process/mod.rs"]
 mod process;
+mod rates;
 mod requests;
 mod rig;
+mod site;
 mod starved;
 mod unseen;
+mod who;

@@ -68,7 +68,7 @@ fn whoever_asks_over_http_or_the_socket_forges_no_line_of_the_log_nor_of_the_eve
     }
     is_honest(&answers);
     let mut socket = UnixStream::connect(state.join("interop.sock")).unwrap();
-    socket.write_all("disarm axis=\u{1b}]0;owned\u{7}\r\n".as_bytes()).unwrap();
+    socket.write_all("zero axis=\u{1b}]0;owned\u{7}\r\n".as_bytes()).unwrap();
     let mut answer = String::new();
     socket.read_to_string(&mut answer).unwrap();
     assert!(answer.starts_with("error there is no axis \\u001b]0;owned\\u0007"), "{answer:?}");

@@ -67,7 +67,7 @@ pub use tables::schema::schema;
 pub use tables::set::{Control, OutputSet, Stretch};
 pub use tables::signal::counter::Capture;
 pub use tables::signal::{Signal, Unit};
-pub use tables::web::{Language, PLAIN, Web, WebTls};
+pub use tables::web::{Commands, Language, PLAIN, Web, WebTls};
 pub use template::Template;
 pub use unseen::{lines, one_line};
 

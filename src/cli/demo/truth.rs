@@ -75,11 +75,11 @@ impl Source for WithTruth {
         self.source.signing(axis)
     }
 
-    fn measured(&self, axis: &str, error_um: Option<f64>, asker: &Asker) -> Result<String, String> {
+    fn measured(&self, axis: &str, error_um: Option<f64>, asker: &Asker) -> Result<Answer, String> {
         self.source.measured(axis, error_um, asker)
     }
 
-    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<String, String> {
+    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String> {
         self.source.acknowledge(alarm, asker)
     }
 

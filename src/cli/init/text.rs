@@ -56,7 +56,7 @@ fn write_profile(text: &mut String, answers: &Answers) -> std::fmt::Result {
     output(text, answers)?;
     writeln!(
         text,
-        "[web]\nlisten = \"127.0.0.1:8080\"            # the page; beyond this computer it needs token_file and tls"
+        "[web]\nlisten = \"127.0.0.1:8080\"            # the page; to command it wants token_file (isotherm token), elsewhere tls too"
     )
 }
 

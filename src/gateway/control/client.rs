@@ -64,6 +64,7 @@ fn stay(
         match answer {
             Answer::Done(said) => return Ok((said, lines)),
             Answer::Waits(said) => show(&said),
+            Answer::TooSoon(why) => return Err(Failure::Refused(why)),
         }
         let line = loop {
             let line = lines.next().ok_or(Failure::Ended)?.map_err(silent)?;

@@ -41,7 +41,7 @@ impl Source for Fake {
         self.arming(axis)
     }
 
-    fn acknowledge(&self, _: Option<&str>, _: &Asker) -> Result<String, String> {
+    fn acknowledge(&self, _: Option<&str>, _: &Asker) -> Result<Answer, String> {
         Err("no such alarm stands".to_owned())
     }
 
@@ -57,9 +57,9 @@ impl Source for Fake {
         Ok(())
     }
 
-    fn measured(&self, axis: &str, error_um: Option<f64>, _: &Asker) -> Result<String, String> {
+    fn measured(&self, axis: &str, error_um: Option<f64>, _: &Asker) -> Result<Answer, String> {
         self.1.lock().unwrap().push((axis.to_owned(), error_um));
-        Ok(format!("{axis}: {error_um:?}"))
+        Ok(Answer::Done(format!("{axis}: {error_um:?}")))
     }
 }
 

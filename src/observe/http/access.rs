@@ -1,48 +1,81 @@
 //! Who may see, and who may command.
 //!
-//! | token | seeing | commands |
+//! | who | sees | commands |
 //! |---|---|---|
-//! | set | `Authorization: Bearer`, or the cookie that `/?token=` gives once | the same; with the cookie only from our own page |
-//! | none | anybody who names us by `localhost` or by address | from this computer only, and only from our own page |
+//! | brings the operator's token, or has signed in with it | everything | yes; signed in only from our own page |
+//! | brings the viewer's token, or has signed in with it | everything | no |
+//! | is on this computer | where there is no viewer's token | where the profile says `commands = "local"`, and only from our own page |
+//! | anybody else | `/healthz`, and the page to sign in | no |
 //!
-//! Naming by address: a foreign site can point a name of its own at this computer and then read and command as if
-//! it were ours (DNS rebinding), but it cannot do so with an address. `/healthz` is for everybody.
+//! On this computer is who comes over loopback, names us by `localhost`, by address or by a name of the profile, and was sent on
+//! by no proxy. Naming by address: a foreign site can point a name of its own at this computer and then read and command as if
+//! it were ours (DNS rebinding), but it cannot do so with an address.
 
-use std::hint::black_box;
-use std::net::IpAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
-use super::peer::Peer;
-use super::{Room, parameter};
-use crate::clock::Passing;
 use axum::extract::{ConnectInfo, Request, State};
-use axum::http::{HeaderMap, Method, StatusCode, header};
+use axum::http::{HeaderMap, HeaderName, Method, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use isotherm_profile::Commands;
+
+use super::Room;
+use super::admission::Admission;
+use super::peer::Peer;
+use super::refusal::{Counts, Refusal};
+use super::refusals::{Refusals, Told};
+use super::tokens::{Change, Role, Tokens, random};
+use super::visits::{Key, Visits};
+use crate::clock::Passing;
+use crate::observe::asker::{Asker, Way};
 
 /// How often it is reported that a command was turned away, in seconds.
 const REPORTED_EVERY_S: u64 = 10;
-const COOKIE: &str = "isotherm_token";
+/// How often it is looked whether a token is another one, and whether wrong ones are to be told.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
+/// Of them the page to sign in is made.
+const FOR_EVERYBODY: [&str; 4] = ["/healthz", "/login", "/page/login.css", "/page/icon.svg"];
+pub(super) const LOGOUT: &str = "/api/logout";
 
-/// This request brought the token in its address: the answer sets the cookie.
-#[derive(Clone, Copy)]
-pub(super) struct Entered;
-
-pub(super) struct Access {
-    token: Option<String>,
-    listens_at: IpAddr,
-    /// `http`, or `https`.
-    scheme: &'static str,
-    /// When a command was turned away that was reported, in seconds since the computer was started.
-    reported: AtomicU64,
+/// Who asks, as far as the door knows him.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Pass {
+    pub(super) role: Role,
+    by: By,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Refusal {
-    NoToken,
-    StrangeHost,
-    StrangeOrigin,
-    NotFromHere,
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum By {
+    /// He is on this computer.
+    Place,
+    /// The token itself, and which of several.
+    Token(u64),
+    /// The cookie of a browser.
+    Visit(Key),
+}
+
+impl Pass {
+    /// Something of a browser's that ends when he says so.
+    pub(super) fn is_visit(&self) -> bool {
+        matches!(self.by, By::Visit(_))
+    }
+}
+
+pub(super) struct Access {
+    commands: Commands,
+    hosts: Vec<String>,
+    listens_at: SocketAddr,
+    /// Over TLS a browser keeps the cookie to itself.
+    is_secure: bool,
+    tokens: Tokens,
+    visits: Mutex<Visits>,
+    refusals: Mutex<Refusals>,
+    pub(super) refused: Counts,
+    /// When a command was turned away that was reported, in seconds since the computer was started.
+    reported: AtomicU64,
 }
 
 /// Lets a request through, or answers why not.
@@ -52,95 +85,214 @@ pub(super) async fn check(
     mut request: Request,
     next: Next,
 ) -> Response {
-    if request.uri().path() == "/healthz" {
+    if FOR_EVERYBODY.contains(&request.uri().path()) {
         return next.run(request).await;
     }
-    match room.access.judge(&request, peer.ip()) {
-        Ok(entered) => {
-            if let Some(entered) = entered {
-                request.extensions_mut().insert(entered);
-            }
-            next.run(request).await
+    let refusal = match room.access.judge(&request, peer.ip()) {
+        Ok(pass) => {
+            request.extensions_mut().insert(pass);
+            return next.run(request).await;
         }
-        Err(refusal) => {
-            let command = request.uri().path().strip_prefix("/api/");
-            if let Some(command) = command.filter(|_| changes(&request) && room.access.may_report()) {
-                room.source.turned_away(
-                    command,
-                    &peer.asker(request.headers()),
-                    refusal.message().trim_end(),
-                );
-            }
-            refusal.into_response()
-        }
+        Err(refusal) => refusal,
+    };
+    room.access.refused.count(refusal.why());
+    let command = request.uri().path().strip_prefix("/api/");
+    if let Some(command) = command.filter(|_| changes(&request) && room.access.may_report()) {
+        room.source.turned_away(command, &peer.asker(request.headers()), &refusal.message());
     }
+    if refusal.is_mended_by_signing_in() && super::login::is_asked_by_a_person(&request) {
+        return super::login::page(&room, request.headers(), request.uri().query(), &refusal);
+    }
+    refusal.into_response()
 }
 
 fn changes(request: &Request) -> bool {
     !matches!(*request.method(), Method::GET | Method::HEAD)
 }
 
+fn now() -> Duration {
+    Passing::default().passed()
+}
+
 impl Access {
-    pub(super) fn new(token: Option<String>, listens_at: IpAddr, scheme: &'static str) -> Access {
-        Access { token, listens_at, scheme, reported: AtomicU64::default() }
+    pub(super) fn new(admission: Admission, listens_at: SocketAddr, is_secure: bool) -> Access {
+        Access {
+            commands: admission.commands,
+            hosts: admission.hosts,
+            listens_at,
+            is_secure,
+            tokens: Tokens::new(admission.viewer, admission.operator),
+            visits: Mutex::default(),
+            refusals: Mutex::default(),
+            refused: Counts::default(),
+            reported: AtomicU64::default(),
+        }
     }
 
     /// One that was turned away is reported once in a while: who guesses tokens must not fill the disk with it.
     fn may_report(&self) -> bool {
-        let now = Passing::default().passed().as_secs();
+        let now = now().as_secs();
         let last = self.reported.load(Ordering::Relaxed);
         let is_due = last == 0 || now >= last + REPORTED_EVERY_S;
         is_due && self.reported.compare_exchange(last, now, Ordering::Relaxed, Ordering::Relaxed).is_ok()
     }
 
-    /// A browser there may command, as far as one knows before it does.
-    pub(super) fn takes_commands_from(&self, peer: IpAddr) -> bool {
-        self.token.is_some() || peer.to_canonical().is_loopback()
-    }
-
-    /// The cookie for a browser that came with the token. Hexadecimal, because a token may hold any character.
-    pub(super) fn cookie(&self, _proof: &Entered) -> Option<String> {
-        let token = self.token.as_deref()?;
-        Some(format!("{COOKIE}={}; Path=/; HttpOnly; SameSite=Strict", hexadecimal(token)))
-    }
-
-    fn judge(&self, request: &Request, peer: IpAddr) -> Result<Option<Entered>, Refusal> {
-        let headers = request.headers();
-        let changes = changes(request);
-        let Some(token) = self.token.as_deref() else {
-            return match () {
-                () if !self.knows_host(headers) => Err(Refusal::StrangeHost),
-                () if changes && !peer.to_canonical().is_loopback() => Err(Refusal::NotFromHere),
-                () if changes && !self.is_own_page(headers) => Err(Refusal::StrangeOrigin),
-                () => Ok(None),
-            };
-        };
-        if bearer(headers).is_some_and(|given| same(given, token)) {
-            return Ok(None);
-        }
-        if cookies(headers).any(|given| same(given, &hexadecimal(token))) {
-            return if changes && !self.is_own_page(headers) {
-                Err(Refusal::StrangeOrigin)
-            } else {
-                Ok(None)
-            };
-        }
-        let in_address = request.uri().query().and_then(|query| parameter(query, "token"));
-        match in_address {
-            Some(given) if !changes && request.uri().path() == "/" && same(&given, token) => {
-                Ok(Some(Entered))
+    /// Reads tokens anew and tells of wrong ones, for ever.
+    pub(super) async fn keep(room: Room) {
+        loop {
+            tokio::time::sleep(LOOK_EVERY).await;
+            let looked = room.clone();
+            let look = tokio::task::spawn_blocking(move || looked.access.tokens.look());
+            for (role, change) in look.await.unwrap_or_default() {
+                let role = role.name();
+                match change {
+                    Change::Another => tracing::info!(
+                        "the {role}'s token is another one now; who signed in with the old one is gone"
+                    ),
+                    Change::Gone(why) => tracing::error!("the {role}'s token is none any more: {why}"),
+                }
             }
-            _ => Err(Refusal::NoToken),
+            let due = lock(&room.access.refusals).due(now());
+            if let Some(told) = due {
+                tell(&room, &told);
+            }
+        }
+    }
+
+    /// Whether there is a token to command with.
+    pub(super) fn has_operator(&self) -> bool {
+        self.tokens.has(Role::Operator)
+    }
+
+    /// Whether there is anything to sign in with.
+    pub(super) fn has_tokens(&self) -> bool {
+        self.tokens.any()
+    }
+
+    /// Whether he still may what he might: his token is the same, his visit is open. To look on is what a viewer uses his for.
+    pub(super) fn is_still(&self, pass: &Pass) -> bool {
+        match pass.by {
+            By::Place => true,
+            By::Token(version) => self.tokens.version(pass.role) == version,
+            By::Visit(key) => self.visit(key, |role| role == Role::Viewer).is_some(),
+        }
+    }
+
+    /// The role of whoever brings this token.
+    pub(super) fn shown(&self, token: &str, from: IpAddr) -> Result<(Role, u64), Refusal> {
+        let now = now();
+        let mut refusals = lock(&self.refusals);
+        if let Err(left) = refusals.may(from, now) {
+            refusals.told_later(from);
+            return Err(Refusal::TooManyWrong(left));
+        }
+        self.tokens.role_of(token).ok_or_else(|| {
+            refusals.wrong(from, now);
+            Refusal::WrongToken
+        })
+    }
+
+    /// Somebody signs in: the cookie for it.
+    ///
+    /// # Errors
+    /// The kernel has no random numbers.
+    pub(super) fn begin_visit(&self, shown: (Role, u64)) -> std::io::Result<String> {
+        let key = Key::of(random()?);
+        lock(&self.visits).begin(key, shown, now());
+        Ok(self.cookie(&key.text()))
+    }
+
+    /// He goes: what takes the cookie away.
+    pub(super) fn end_visit(&self, headers: &HeaderMap) -> String {
+        self.keys(headers).into_iter().for_each(|key| lock(&self.visits).end(key));
+        self.cookie("; Max-Age=0")
+    }
+
+    fn cookie(&self, value: &str) -> String {
+        let secure = if self.is_secure { "; Secure" } else { "" };
+        format!("{}={value}; Path=/; HttpOnly; SameSite=Strict{secure}", self.cookie_name())
+    }
+
+    /// A browser sends a cookie to every port of a host: each gateway has its own.
+    fn cookie_name(&self) -> String {
+        let prefix = if self.is_secure { "__Host-" } else { "" };
+        format!("{prefix}isotherm_visit_{}", self.listens_at.port())
+    }
+
+    fn visit(&self, key: Key, uses: impl Fn(Role) -> bool) -> Option<Role> {
+        let (role, version) = lock(&self.visits).role_of(key, now(), uses)?;
+        if self.tokens.version(role) != version {
+            lock(&self.visits).end(key);
+            return None;
+        }
+        Some(role)
+    }
+
+    fn judge(&self, request: &Request, peer: IpAddr) -> Result<Pass, Refusal> {
+        let (headers, changes) = (request.headers(), changes(request));
+        let Some(pass) = self.who(request, peer)? else {
+            let is_named = self.tokens.any() || !is_local(peer, headers) || self.knows_host(headers);
+            return Err(match () {
+                () if !is_named => Refusal::StrangeHost,
+                () if changes && !self.has_operator() => Refusal::NoOperator,
+                () if self.tokens.any() => Refusal::NoToken,
+                () => Refusal::NotFromHere,
+            });
+        };
+        if !changes {
+            return Ok(pass);
+        }
+        if !matches!(pass.by, By::Token(_)) && !self.is_own_page(headers) {
+            return Err(Refusal::StrangeOrigin);
+        }
+        match pass.by {
+            _ if pass.role == Role::Operator || request.uri().path() == LOGOUT => Ok(pass),
+            _ if !self.has_operator() => Err(Refusal::NoOperator),
+            By::Place => Err(Refusal::NoToken),
+            By::Token(_) | By::Visit(_) => Err(Refusal::OnlyLooks),
+        }
+    }
+
+    /// The most that he may.
+    fn who(&self, request: &Request, peer: IpAddr) -> Result<Option<Pass>, Refusal> {
+        let headers = request.headers();
+        if let Some(token) = bearer(headers).filter(|_| self.tokens.any()) {
+            let (role, version) = self.shown(token, peer)?;
+            return Ok(Some(Pass { role, by: By::Token(version) }));
+        }
+        // What a page asks by itself keeps nobody signed in who has left it open.
+        let is_use = changes(request) || request.uri().path() == "/";
+        let uses = |role| is_use || role == Role::Viewer;
+        let visit = |key| Some(Pass { role: self.visit(key, uses)?, by: By::Visit(key) });
+        let visit = self.keys(headers).into_iter().find_map(visit);
+        let may_command = visit.is_some_and(|pass| pass.role == Role::Operator);
+        let here = if may_command { None } else { self.role_here(headers, peer) };
+        Ok(here
+            .map(|role| Pass { role, by: By::Place })
+            .filter(|here| visit.is_none_or(|visit| here.role > visit.role))
+            .or(visit))
+    }
+
+    /// What everybody on this computer may.
+    fn role_here(&self, headers: &HeaderMap, peer: IpAddr) -> Option<Role> {
+        if !is_local(peer, headers) || !self.knows_host(headers) {
+            return None;
+        }
+        match self.commands {
+            Commands::Local => Some(Role::Operator),
+            Commands::Token => (!self.tokens.has(Role::Viewer)).then_some(Role::Viewer),
         }
     }
 
     fn knows_host(&self, headers: &HeaderMap) -> bool {
         let Some(host) = text(headers, "host").map(without_port) else { return false };
-        if host.eq_ignore_ascii_case("localhost") {
+        if host.eq_ignore_ascii_case("localhost")
+            || self.hosts.iter().any(|known| host.eq_ignore_ascii_case(known))
+        {
             return true;
         }
         let bare = host.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).unwrap_or(host);
-        let ours = self.listens_at.to_canonical();
+        let ours = self.listens_at.ip().to_canonical();
         bare.parse::<IpAddr>().is_ok_and(|named| {
             let named = named.to_canonical();
             // A listener on every address cannot list them; any literal address is as safe.
@@ -149,11 +301,11 @@ impl Access {
     }
 
     /// A browser says where a request comes from; a program that sends no `Origin` is no browser.
-    fn is_own_page(&self, headers: &HeaderMap) -> bool {
+    pub(super) fn is_own_page(&self, headers: &HeaderMap) -> bool {
         match text(headers, "origin") {
             Some(origin) => {
-                let place = origin.strip_prefix(self.scheme).and_then(|rest| rest.strip_prefix("://"));
-                let host = text(headers, "host");
+                let scheme = if self.is_secure { "https://" } else { "http://" };
+                let (place, host) = (origin.strip_prefix(scheme), text(headers, "host"));
                 place.zip(host).is_some_and(|(place, host)| place.eq_ignore_ascii_case(host))
             }
             None => {
@@ -162,6 +314,37 @@ impl Access {
             }
         }
     }
+
+    fn keys(&self, headers: &HeaderMap) -> Vec<Key> {
+        let name = self.cookie_name();
+        let lines = headers.get_all(header::COOKIE).into_iter().filter_map(|line| line.to_str().ok());
+        let pairs = lines.flat_map(|line| line.split(';')).filter_map(|pair| pair.trim().split_once('='));
+        pairs.filter(|(known, _)| *known == name).filter_map(|(_, value)| Key::parse(value)).collect()
+    }
+}
+
+fn tell(room: &Room, Told { count, last, closed }: &Told) {
+    let tokens = if *count == 1 { "wrong token" } else { "wrong tokens" };
+    let closed = match closed {
+        0 => String::new(),
+        1 => "; from one address none is taken for a minute".to_owned(),
+        many => format!("; from {many} addresses none is taken for a minute"),
+    };
+    let why = format!("{count} {tokens} since this was told last{closed}");
+    room.source.turned_away("sign in", &Asker::new(Way::Api, last.to_string()), &why);
+}
+
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Nobody else has sent it on, as far as it says.
+fn is_local(peer: IpAddr, headers: &HeaderMap) -> bool {
+    let was_sent_on = |name: &HeaderName| {
+        let name = name.as_str();
+        name.starts_with("x-forwarded") || ["forwarded", "x-real-ip", "via"].contains(&name)
+    };
+    peer.to_canonical().is_loopback() && !headers.keys().any(was_sent_on)
 }
 
 fn text<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
@@ -178,56 +361,4 @@ fn without_port(host: &str) -> &str {
 fn bearer(headers: &HeaderMap) -> Option<&str> {
     let (scheme, given) = text(headers, "authorization")?.split_once(' ')?;
     scheme.eq_ignore_ascii_case("bearer").then(|| given.trim())
-}
-
-fn cookies(headers: &HeaderMap) -> impl Iterator<Item = &str> {
-    let pairs = headers.get_all(header::COOKIE).into_iter().filter_map(|line| line.to_str().ok());
-    pairs
-        .flat_map(|line| line.split(';'))
-        .filter_map(|pair| pair.trim().split_once('='))
-        .filter(|(name, _)| *name == COOKIE)
-        .map(|(_, value)| value)
-}
-
-fn hexadecimal(token: &str) -> String {
-    token.bytes().map(|byte| format!("{byte:02x}")).collect()
-}
-
-/// Takes as long for a first wrong character as for a last one, so that nobody can guess them one by one.
-fn same(given: &str, token: &str) -> bool {
-    let differences = given.bytes().zip(token.bytes()).fold(0, |seen, (a, b)| black_box(seen | (a ^ b)));
-    given.len() == token.len() && differences == 0
-}
-
-impl Refusal {
-    fn message(self) -> &'static str {
-        match self {
-            Refusal::NoToken => {
-                "This gateway wants its token: open /?token=… once in a browser, or send Authorization: Bearer.\n"
-            }
-            Refusal::StrangeHost => {
-                "Without a token this gateway answers only to localhost or to its own address. \
-                 Use the address instead of the name, or start the gateway with a token.\n"
-            }
-            Refusal::StrangeOrigin => "Commands from a browser are taken only from the gateway's own page.\n",
-            Refusal::NotFromHere => {
-                "Without a token, commands are taken only from the computer the gateway runs on. \
-                 Start the gateway with a token to command it from here.\n"
-            }
-        }
-    }
-}
-
-impl IntoResponse for Refusal {
-    fn into_response(self) -> Response {
-        let code = match self {
-            Refusal::NoToken => {
-                let realm = [(header::WWW_AUTHENTICATE, "Bearer realm=\"isotherm\"")];
-                return (StatusCode::UNAUTHORIZED, realm, self.message()).into_response();
-            }
-            Refusal::StrangeHost => StatusCode::MISDIRECTED_REQUEST,
-            Refusal::StrangeOrigin | Refusal::NotFromHere => StatusCode::FORBIDDEN,
-        };
-        (code, self.message()).into_response()
-    }
 }

@@ -6,7 +6,6 @@ use axum::response::Response;
 
 use super::peer::Peer;
 use super::{Room, answered, parameter};
-use crate::observe::status::Answer;
 
 pub(super) async fn acknowledge(
     State(room): State<Room>,
@@ -15,5 +14,5 @@ pub(super) async fn acknowledge(
     headers: HeaderMap,
 ) -> Response {
     let alarm = query.and_then(|query| parameter(&query, "alarm"));
-    answered(room.source.acknowledge(alarm.as_deref(), &room.asker(&peer, &headers)).map(Answer::Done))
+    answered(&room, room.source.acknowledge(alarm.as_deref(), &room.asker(&peer, &headers)))
 }

@@ -34,14 +34,17 @@ impl Live {
         Live { source, latest: Arc::new(latest), places: Arc::new(Semaphore::new(streams)) }
     }
 
-    /// The status now, then one a second. A reader that is too slow misses some, and gets the newest. `None` where as many
+    /// The status now, then one a second for as long as the reader may. One that is too slow misses some, and gets the newest. `None` where as many
     /// listen as may.
-    pub(super) fn stream(&self) -> Option<Sse<impl Stream<Item = Result<Event, Infallible>> + use<>>> {
+    pub(super) fn stream<May: Fn() -> bool + Send + 'static>(
+        &self,
+        may: May,
+    ) -> Option<Sse<impl Stream<Item = Result<Event, Infallible>> + use<May>>> {
         let place = self.places.clone().try_acquire_owned().ok()?;
         let first = event(&to_json(self.source.as_ref())).retry(RETRY);
         let mut latest = self.latest.as_ref().clone();
         latest.mark_unchanged();
-        let rest = WatchStream::from_changes(latest).map(|text| event(&text));
+        let rest = WatchStream::from_changes(latest).take_while(move |_| may()).map(|text| event(&text));
         Some(Sse::new(tokio_stream::once(first).chain(rest).map(move |event| {
             // Free again when the stream is dropped.
             let _taken = &place;

@@ -9,7 +9,6 @@ use serde::Deserialize;
 use super::peer::Peer;
 use super::{Room, answered};
 use crate::observe::asker::Asker;
-use crate::observe::status::Answer;
 use isotherm_profile::one_line;
 
 #[derive(Deserialize)]
@@ -55,5 +54,5 @@ fn answer(room: &Room, axis: &str, error_um: Option<f64>, asker: &Asker) -> Resp
         let text = format!("There is no axis {}; there are {}.\n", one_line(axis), names.join(", "));
         return (StatusCode::NOT_FOUND, text).into_response();
     }
-    answered(room.source.measured(axis, error_um, asker).map(Answer::Done))
+    answered(room, room.source.measured(axis, error_um, asker))
 }

@@ -21,6 +21,12 @@ let lastHeard = null;
 let last = null;
 let lost = false;
 
+// A stream does not say why it ended. Whoever is no longer signed in gets the page to do so.
+async function signInAgain() {
+  const response = await fetch("/api/status", { method: "HEAD" }).catch(() => null);
+  if (response?.status === 401) location.reload();
+}
+
 // `show(status)` once a second; `setLost(sentence, stopped)` when nothing comes any more, and `setLost(null)` when it does
 // again. A gateway that was stopped has said so.
 export function follow(show, setLost) {
@@ -52,6 +58,7 @@ export function follow(show, setLost) {
     stream.addEventListener("error", () => {
       stream.close();
       change(true);
+      signInAgain();
       setTimeout(connect, RETRY_MS);
     });
   };

@@ -17,9 +17,6 @@ const by = (id) => document.getElementById(id);
 const buttons = [...document.querySelectorAll(".buttons button")];
 const mayCommand = document.querySelector(".buttons").dataset.may === "true";
 
-// The token has become a cookie; it need not stay in the address bar and the history.
-if (location.search) history.replaceState(null, "", location.pathname);
-
 function show(status) {
   const [tone, word, sentence] = overall(status);
   by("overall").dataset.tone = tone;

@@ -72,7 +72,8 @@ mod tests {
     fn uses() -> String {
         let scripts =
             FILES_OF_THE_PAGE.iter().filter(|(name, ..)| name.ends_with(".js")).map(|(.., text)| *text);
-        scripts.chain([include_str!("../page.rs")]).collect()
+        let shells = [include_str!("../page.rs"), include_str!("login.rs"), include_str!("../http/login.rs")];
+        scripts.chain(shells).collect()
     }
 
     fn named(text: &str) -> Vec<&str> {

@@ -15,12 +15,22 @@ use super::{At, host_of};
 pub(crate) struct RawWeb {
     /// Host and port. Default "127.0.0.1:8080"; port 0 takes any free one.
     listen: Option<String>,
-    /// A file with the token that clients must send; required as soon as it listens beyond loopback.
+    /// A file, beside the profile, with the operator's token, who may look and command. Beyond loopback it or `viewer_token_file` is required.
+    /// At least 16 characters, not readable by others; `isotherm token` makes one. It is read anew when it changes.
     token_file: Option<String>,
     /// The page's certificate and its key: it is served over https alone then. Read again when they change.
     tls: Option<RawWebTls>,
     /// With `true` the page is served beyond loopback without `tls`: for a network on which nobody else listens.
     plain: Option<bool>,
+    /// A file with the token of those who may look: page, API, metrics. Without it looking is open on loopback, and wants the
+    /// operator's token from elsewhere.
+    viewer_token_file: Option<String>,
+    /// Who may command through page and API: "token", whoever has the operator's token (the default); "local", everybody on
+    /// this computer too.
+    commands: Option<Commands>,
+    /// Names under which the page may be asked for without a token, besides localhost and its addresses.
+    #[serde(default)]
+    hosts: Vec<String>,
     /// The language of the page. Default: the first that the browser wants and the page speaks, else English.
     language: Option<Language>,
 }
@@ -36,6 +46,18 @@ struct RawWebTls {
     /// The private key of that certificate.
     #[schemars(required)]
     key: Option<String>,
+}
+
+/// Who may command over HTTP.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+#[schemars(rename = "CommandsWord", description = "")]
+pub enum Commands {
+    /// Whoever has the operator's token.
+    #[default]
+    Token,
+    /// Everybody on this computer too.
+    Local,
 }
 
 /// A language that the page speaks.
@@ -70,12 +92,18 @@ impl Language {
 pub struct Web {
     /// Host and port; port 0 takes any free one.
     pub listen: String,
-    /// A file with the token that is asked for; required beyond loopback.
+    /// A file with the operator's token.
     pub token_file: Option<PathBuf>,
     /// By what it is served over https; `None`: over http.
     pub tls: Option<WebTls>,
     /// Over http beyond loopback, too.
     pub plain: bool,
+    /// A file with the token of those who only look.
+    pub viewer_token_file: Option<PathBuf>,
+    /// Who may command.
+    pub commands: Commands,
+    /// Names of the page, besides localhost and its addresses.
+    pub hosts: Vec<String>,
     /// The language of the page; `None`: the browser's.
     pub language: Option<Language>,
 }
@@ -96,7 +124,7 @@ pub const PLAIN: &str = "whoever listens on that network reads the token: give `
 impl RawWeb {
     pub(super) fn resolve(&self, at: &At<'_>) -> Web {
         let listen = self.listen.clone().unwrap_or_else(|| "127.0.0.1:8080".to_owned());
-        let has_token = at.key("token_file").is_written();
+        let has_token = at.key("token_file").is_written() || at.key("viewer_token_file").is_written();
         match host_of(&listen) {
             None => {
                 let help = "write host and port, as \"127.0.0.1:8080\"; port 0 takes any free one";
@@ -110,9 +138,20 @@ impl RawWeb {
             Some(host) if !is_loopback(host) && !at.key("tls").is_written() => self.without_tls(at, &listen),
             Some(_) => {}
         }
+        self.check_tokens(at);
+        let file = |name: &Option<String>| name.as_ref().map(|name| PathBuf::from(at.check.files.path(name)));
+        for (place, host) in self.hosts.iter().enumerate() {
+            if !is_name(host) {
+                let help = "write the name alone, as \"gw7.plant.example\": no scheme, no port, no path";
+                at.key("hosts").item(place).wrong(format!("`{host}` is no name of a computer"), help);
+            }
+        }
         Web {
             listen,
-            token_file: self.token_file.clone().map(PathBuf::from),
+            token_file: file(&self.token_file),
+            viewer_token_file: file(&self.viewer_token_file),
+            commands: self.commands.unwrap_or_default(),
+            hosts: self.hosts.clone(),
             tls: self.tls.as_ref().and_then(|tls| tls.resolve(&at.key("tls"))),
             plain: self.plain.unwrap_or(false),
             language: self.language,
@@ -124,6 +163,17 @@ impl RawWeb {
         match self.plain {
             Some(true) => at.key("plain").warn(format!("{what}, as this says"), PLAIN),
             _ => at.key("listen").wrong(what, PLAIN),
+        }
+    }
+
+    fn check_tokens(&self, at: &At<'_>) {
+        if self.token_file.is_some() && self.token_file == self.viewer_token_file {
+            let help = "give each its own file: whoever looks could command";
+            at.key("viewer_token_file").wrong("it is the operator's token file", help);
+        }
+        if self.commands == Some(Commands::Local) {
+            let help = "leave it out, and give `token_file`: a file that `isotherm token --out FILE` makes";
+            at.key("commands").warn("everybody on this computer may arm the axes through the page", help);
         }
     }
 }
@@ -144,6 +194,11 @@ impl RawWebTls {
         let key = file("key", self.key.as_ref(), "the private key of the certificate in `cert`");
         Some(WebTls { cert: cert?, key: key? })
     }
+}
+
+fn is_name(host: &str) -> bool {
+    let is_letter = |letter: char| letter.is_ascii_alphanumeric() || "-._".contains(letter);
+    !host.is_empty() && host.len() <= 253 && host.chars().all(is_letter)
 }
 
 fn is_loopback(host: &str) -> bool {

@@ -1,0 +1,106 @@
+//! Signing in and out with a browser: a plain form, which works without script.
+//!
+//! `POST /login` with the token in its body begins a visit, `POST /api/logout` ends it.
+
+use axum::body::Bytes;
+use axum::extract::rejection::BytesRejection;
+use axum::extract::{ConnectInfo, RawQuery, Request, State};
+use axum::http::{HeaderMap, Method, StatusCode, header};
+use axum::response::{Html, IntoResponse, Json, Redirect, Response};
+
+use super::peer::Peer;
+use super::refusal::Refusal;
+use super::{Room, Said, parameter, words};
+use crate::observe::page::{self, Words};
+
+const WALL: &str = "wall";
+
+/// He looks at it with a browser.
+pub(super) fn is_asked_by_a_person(request: &Request) -> bool {
+    request.method() == Method::GET && wants_html(request.headers())
+}
+
+fn wants_html(headers: &HeaderMap) -> bool {
+    headers
+        .get(header::ACCEPT)
+        .and_then(|kinds| kinds.to_str().ok())
+        .is_some_and(|kinds| kinds.contains("text/html"))
+}
+
+/// In a language that he reads. Whoever has not signed in costs no look at the machine.
+fn spoken(room: &Room, headers: &HeaderMap) -> &'static Words {
+    words(*room.language.get_or_init(|| room.source.status().language), headers)
+}
+
+fn is_for_the_wall(query: Option<&str>) -> bool {
+    query.and_then(|query| parameter(query, "view")).as_deref() == Some(WALL)
+}
+
+/// In the place of what he asked for.
+pub(super) fn page(room: &Room, headers: &HeaderMap, query: Option<&str>, refusal: &Refusal) -> Response {
+    let trouble = match refusal {
+        Refusal::WrongToken => Some("sign_in_wrong"),
+        Refusal::TooManyWrong(_) => Some("sign_in_wait"),
+        _ => None,
+    };
+    let view = is_for_the_wall(query).then_some(WALL);
+    refusal.as_answer(Html(page::login(spoken(room, headers), view, trouble).into_string()))
+}
+
+pub(super) async fn show(
+    State(room): State<Room>,
+    RawQuery(query): RawQuery,
+    headers: HeaderMap,
+) -> Response {
+    if !room.access.has_tokens() {
+        return Redirect::to("/").into_response();
+    }
+    let view = is_for_the_wall(query.as_deref()).then_some(WALL);
+    Html(page::login(spoken(&room, &headers), view, None).into_string()).into_response()
+}
+
+pub(super) async fn begin(
+    State(room): State<Room>,
+    ConnectInfo(peer): ConnectInfo<Peer>,
+    headers: HeaderMap,
+    body: Result<Bytes, BytesRejection>,
+) -> Response {
+    let refused = |refusal: Refusal, form: &str| {
+        room.access.refused.count(refusal.why());
+        if wants_html(&headers) && refusal.is_mended_by_signing_in() {
+            return page(&room, &headers, Some(form), &refusal);
+        }
+        refusal.into_response()
+    };
+    let form = match &body {
+        Ok(body) => String::from_utf8_lossy(body),
+        Err(why) => return (why.status(), "A token is not as long as that.\n").into_response(),
+    };
+    if !room.access.is_own_page(&headers) {
+        return refused(Refusal::StrangeOrigin, &form);
+    }
+    if !room.access.has_tokens() {
+        return refused(Refusal::NoOperator, &form);
+    }
+    // A form writes a blank as +.
+    let token = parameter(&form.replace('+', "%20"), "token").unwrap_or_default();
+    let shown = match room.access.shown(token.trim(), peer.ip()) {
+        Ok(shown) => shown,
+        Err(refusal) => return refused(refusal, &form),
+    };
+    let _ended = room.access.end_visit(&headers);
+    let Ok(cookie) = room.access.begin_visit(shown) else {
+        let text = "The kernel has no random numbers: nobody can sign in.\n";
+        return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
+    };
+    let to = if is_for_the_wall(Some(&form)) { "/?view=wall" } else { "/" };
+    ([(header::SET_COOKIE, cookie)], Redirect::to(to)).into_response()
+}
+
+pub(super) async fn end(State(room): State<Room>, headers: HeaderMap) -> Response {
+    let gone = [(header::SET_COOKIE, room.access.end_visit(&headers))];
+    if wants_html(&headers) {
+        return (gone, Redirect::to("/")).into_response();
+    }
+    (gone, Json(Said { done: true, answer: "signed out".to_owned() })).into_response()
+}

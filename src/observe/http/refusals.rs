@@ -1,0 +1,185 @@
+//! Wrong tokens, by the address they come from: after a few within a minute none is taken from there for another.
+//!
+//! The time is an argument: what has passed since the computer was started.
+
+use std::collections::HashMap;
+use std::net::{IpAddr, Ipv6Addr};
+use std::time::Duration;
+
+/// So many wrong ones within [`SPAN`].
+const MOST: u32 = 5;
+const SPAN: Duration = Duration::from_secs(60);
+/// So many addresses are remembered. Of more, those that were silent longest are forgotten.
+const ADDRESSES: usize = 4096;
+
+/// What came from an address.
+#[derive(Clone, Copy, Debug)]
+struct Guesses {
+    /// When its minute began: that of counting, or that in which nothing is taken.
+    since: Duration,
+    count: u32,
+}
+
+/// Who has brought wrong tokens.
+#[derive(Debug, Default)]
+pub(super) struct Refusals {
+    by_address: HashMap<IpAddr, Guesses>,
+    /// Not told yet.
+    untold: u64,
+    /// Of those.
+    last: Option<IpAddr>,
+    told: Option<Duration>,
+}
+
+/// What is to be told, once a minute.
+#[derive(Debug, PartialEq)]
+pub(super) struct Told {
+    pub(super) count: u64,
+    pub(super) last: IpAddr,
+    /// Nothing is taken from so many addresses now.
+    pub(super) closed: usize,
+}
+
+impl Refusals {
+    /// Whether a token from there is looked at; if not, after how long it is again.
+    pub(super) fn may(&self, from: IpAddr, now: Duration) -> Result<(), Duration> {
+        let Some(guesses) = self.by_address.get(&household(from)) else { return Ok(()) };
+        let left = (guesses.since + SPAN).saturating_sub(now);
+        if guesses.count < MOST || left.is_zero() { Ok(()) } else { Err(left) }
+    }
+
+    /// It was a wrong one.
+    pub(super) fn wrong(&mut self, from: IpAddr, now: Duration) {
+        self.told_later(from);
+        let from = household(from);
+        if self.by_address.len() >= ADDRESSES && !self.by_address.contains_key(&from) {
+            self.forget(now);
+        }
+        let guesses = self.by_address.entry(from).or_insert(Guesses { since: now, count: 0 });
+        if now >= guesses.since + SPAN {
+            *guesses = Guesses { since: now, count: 0 };
+        }
+        guesses.count += 1;
+        if guesses.count == MOST {
+            guesses.since = now;
+        }
+    }
+
+    /// One was not even looked at.
+    pub(super) fn told_later(&mut self, from: IpAddr) {
+        self.untold += 1;
+        self.last = Some(from.to_canonical());
+    }
+
+    /// What is to be told now, at most once a minute.
+    pub(super) fn due(&mut self, now: Duration) -> Option<Told> {
+        let last = self.last?;
+        if self.told.is_some_and(|told| now < told + SPAN) {
+            return None;
+        }
+        self.told = Some(now);
+        self.last = None;
+        let closed = self.by_address.keys().filter(|from| self.may(**from, now).is_err()).count();
+        Some(Told { count: std::mem::take(&mut self.untold), last, closed })
+    }
+
+    /// Makes room: what is over goes, else the quarter that is oldest.
+    fn forget(&mut self, now: Duration) {
+        self.by_address.retain(|_, guesses| now < guesses.since + SPAN);
+        if self.by_address.len() >= ADDRESSES {
+            let mut ages: Vec<Duration> = self.by_address.values().map(|guesses| guesses.since).collect();
+            let (_, middle, _) = ages.select_nth_unstable(ADDRESSES / 4);
+            let oldest = *middle;
+            let mut room = ADDRESSES / 4;
+            self.by_address.retain(|_, guesses| {
+                let stays = room == 0 || guesses.since > oldest;
+                room -= usize::from(!stays);
+                stays
+            });
+        }
+    }
+}
+
+/// Of IPv6 somebody has a whole network of 2⁶⁴ addresses.
+fn household(address: IpAddr) -> IpAddr {
+    match address.to_canonical() {
+        IpAddr::V6(address) => {
+            let [a, b, c, d, ..] = address.segments();
+            Ipv6Addr::new(a, b, c, d, 0, 0, 0, 0).into()
+        }
+        address => address,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn second(second: u64) -> Duration {
+        Duration::from_secs(1000 + second)
+    }
+
+    fn from(text: &str) -> IpAddr {
+        text.parse().unwrap()
+    }
+
+    #[test]
+    fn five_wrong_ones_within_a_minute_close_an_address_for_one() {
+        for (seconds, now, closed) in [
+            (&[0, 1, 2, 3][..], 3, false),
+            (&[0, 1, 2, 3, 4], 4, true),
+            (&[0, 1, 2, 3, 4], 63, true),
+            (&[0, 1, 2, 3, 4], 64, false),
+            // Slower ones never are.
+            (&[0, 15, 30, 45, 60], 60, false),
+            (&[0, 15, 30, 45, 59], 118, true),
+            (&[0, 15, 30, 45, 59], 119, false),
+        ] {
+            let mut refusals = Refusals::default();
+            seconds.iter().for_each(|at| refusals.wrong(from("10.0.0.7"), second(*at)));
+            assert_eq!(refusals.may(from("10.0.0.7"), second(now)).is_err(), closed, "{seconds:?} {now}");
+            assert_eq!(refusals.may(from("10.0.0.8"), second(now)), Ok(()));
+        }
+    }
+
+    #[test]
+    fn a_network_of_ipv6_is_one_address_and_ipv4_in_it_is_ipv4() {
+        let mut refusals = Refusals::default();
+        (1..=5).for_each(|host| refusals.wrong(from(&format!("2001:db8:0:7:{host}::1")), second(0)));
+        assert!(refusals.may(from("2001:db8:0:7:ffff::"), second(1)).is_err());
+        assert!(refusals.may(from("2001:db8:0:8::1"), second(1)).is_ok());
+        (0..5).for_each(|_| refusals.wrong(from("::ffff:10.0.0.7"), second(0)));
+        assert!(refusals.may(from("10.0.0.7"), second(1)).is_err());
+    }
+
+    #[test]
+    fn memory_is_bounded_and_whoever_came_last_is_remembered() {
+        let mut refusals = Refusals::default();
+        for number in 0..100_000_u32 {
+            refusals.wrong(IpAddr::from(number.to_be_bytes()), second(u64::from(number / 5000)));
+            assert!(refusals.by_address.len() <= ADDRESSES);
+        }
+        (0..5).for_each(|_| refusals.wrong(from("10.0.0.7"), second(30)));
+        (0..500_u32).for_each(|number| refusals.wrong(IpAddr::from(number.to_be_bytes()), second(30)));
+        assert!(refusals.may(from("10.0.0.7"), second(31)).is_err());
+    }
+
+    #[test]
+    fn it_is_told_at_once_and_then_once_a_minute_with_how_many() {
+        let mut refusals = Refusals::default();
+        assert_eq!(refusals.due(second(0)), None);
+        refusals.wrong(from("10.0.0.7"), second(1));
+        let told = |count, last, closed| Some(Told { count, last: from(last), closed });
+        assert_eq!(refusals.due(second(2)), told(1, "10.0.0.7", 0));
+        for number in 0..50_000 {
+            match refusals.may(from("10.0.0.9"), second(3)) {
+                Ok(()) => refusals.wrong(from("10.0.0.9"), second(3)),
+                Err(_) => refusals.told_later(from("10.0.0.9")),
+            }
+            assert_eq!(refusals.due(second(3)), None, "{number}");
+        }
+        assert_eq!(refusals.due(second(61)), None);
+        assert_eq!(refusals.due(second(62)), told(50_000, "10.0.0.9", 1));
+        assert_eq!(refusals.due(second(200)), None);
+    }
+}

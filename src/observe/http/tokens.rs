@@ -1,0 +1,325 @@
+//! The tokens of those who look and of those who command: each in a file of its own, read anew when the file changes.
+//!
+//! A token that is no longer in its file is no longer one. Neither is one whose file others may read, or cannot be read.
+
+use std::fmt;
+use std::fs::Metadata;
+use std::hint::black_box;
+use std::io::{self, Read};
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use isotherm_profile::regular;
+use rustix::rand::{GetRandomFlags, getrandom};
+
+/// A shorter one can be guessed.
+const SHORTEST: usize = 16;
+/// A request has to hold it, with all that it says besides.
+const LONGEST: usize = 512;
+/// More than that is not looked at.
+const LARGEST: u64 = 64 * 1024;
+/// What anybody may do with a file.
+const OTHERS: u32 = 0o007;
+
+/// What somebody may who has shown who he is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Role {
+    /// Page, API and metrics.
+    Viewer,
+    /// Commands too.
+    Operator,
+}
+
+impl Role {
+    /// Who may less comes first: a token that is both is a viewer's.
+    const ALL: [Role; 2] = [Role::Viewer, Role::Operator];
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Role::Viewer => "viewer",
+            Role::Operator => "operator",
+        }
+    }
+}
+
+/// A token, and its file as it was when it was read.
+pub struct TokenFile {
+    path: PathBuf,
+    /// `None` while there is none to be had.
+    token: Option<String>,
+    seen: Option<Seen>,
+    /// How often it has become another one.
+    version: u64,
+    /// That it cannot be had has been said.
+    is_told: bool,
+}
+
+/// The token stands in no log.
+impl fmt::Debug for TokenFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "TokenFile({})", self.path.display())
+    }
+}
+
+/// By which it is known that a file has changed.
+#[derive(Clone, Debug, PartialEq)]
+struct Seen {
+    modified: (i64, i64),
+    changed: (i64, i64),
+    place: (u64, u64),
+    size: u64,
+}
+
+impl Seen {
+    fn of(metadata: &Metadata) -> Seen {
+        Seen {
+            modified: (metadata.mtime(), metadata.mtime_nsec()),
+            changed: (metadata.ctime(), metadata.ctime_nsec()),
+            place: (metadata.dev(), metadata.ino()),
+            size: metadata.size(),
+        }
+    }
+}
+
+/// Bytes that nobody can guess, from the kernel.
+pub(super) fn random<const SIZE: usize>() -> io::Result<[u8; SIZE]> {
+    let mut bytes = [0; SIZE];
+    let mut filled = 0;
+    while filled < SIZE {
+        filled += getrandom(&mut bytes[filled..], GetRandomFlags::empty())?;
+    }
+    Ok(bytes)
+}
+
+/// A new token, from the kernel's random numbers.
+///
+/// # Errors
+/// The kernel has none.
+pub fn new_token() -> io::Result<String> {
+    Ok(random::<20>()?.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+impl TokenFile {
+    /// Reads a token.
+    ///
+    /// # Errors
+    /// A sentence with the file and what to do: it cannot be read, others may read it, or what is in it is no token.
+    pub fn read(path: &Path) -> Result<TokenFile, String> {
+        let (token, seen) = read(path)?;
+        let path = path.to_owned();
+        Ok(TokenFile { path, token: Some(token), seen: Some(seen), version: 0, is_told: false })
+    }
+
+    /// Whether both hold the same.
+    pub fn is_same_as(&self, other: &TokenFile) -> bool {
+        self.token == other.token
+    }
+
+    /// What has become of it, where that is another thing than before.
+    fn take(&mut self, found: Result<(String, Seen), String>) -> Option<Change> {
+        let (token, seen) = match found {
+            Ok((token, seen)) => (token, seen),
+            Err(why) => {
+                self.seen = None;
+                self.version += u64::from(self.token.take().is_some());
+                let is_told = std::mem::replace(&mut self.is_told, true);
+                return (!is_told).then_some(Change::Gone(why));
+            }
+        };
+        (self.seen, self.is_told) = (Some(seen), false);
+        if self.token.as_ref() == Some(&token) {
+            return None;
+        }
+        self.token = Some(token);
+        self.version += 1;
+        Some(Change::Another)
+    }
+}
+
+fn read(path: &Path) -> Result<(String, Seen), String> {
+    let at = path.display();
+    let cannot = |error: io::Error| match error.kind() {
+        io::ErrorKind::NotFound => {
+            format!("the token file {at} is not there: isotherm token --out {at} makes one")
+        }
+        _ => format!("the token file {at} cannot be read: {error}"),
+    };
+    let mut file = regular::open(path).map_err(cannot)?;
+    let metadata = file.metadata().map_err(cannot)?;
+    if metadata.mode() & OTHERS != 0 {
+        return Err(format!("the token file {at} is open to everybody on this computer: chmod 600 {at}"));
+    }
+    let mut text = String::new();
+    file.by_ref().take(LARGEST).read_to_string(&mut text).map_err(cannot)?;
+    let token = text.trim();
+    let length = token.chars().count();
+    match () {
+        () if length == 0 => Err(format!("the token file {at} is empty: isotherm token > {at}")),
+        () if length < SHORTEST => Err(format!(
+            "the token in {at} has {length} characters, fewer than {SHORTEST}: isotherm token > {at} makes one"
+        )),
+        () if token.len() > LONGEST => {
+            Err(format!("the token in {at} is longer than {LONGEST} bytes: isotherm token > {at} makes one"))
+        }
+        () if !token.chars().all(|letter| matches!(letter, ' '..='~')) => Err(format!(
+            "the token in {at} has more than one line, or letters that no request can carry: isotherm token > {at} makes one"
+        )),
+        () => Ok((token.to_owned(), Seen::of(&metadata))),
+    }
+}
+
+/// What has become of a token.
+#[derive(Debug, PartialEq)]
+pub(super) enum Change {
+    /// Its file holds another one.
+    Another,
+    /// It is gone, and this is why.
+    Gone(String),
+}
+
+/// Both, while they are looked at.
+pub(super) struct Tokens(Mutex<[Option<TokenFile>; 2]>);
+
+impl Tokens {
+    pub(super) fn new(viewer: Option<TokenFile>, operator: Option<TokenFile>) -> Tokens {
+        Tokens(Mutex::new([viewer, operator]))
+    }
+
+    /// There is a file for it, whatever it holds now.
+    pub(super) fn has(&self, role: Role) -> bool {
+        self.files()[place(role)].is_some()
+    }
+
+    pub(super) fn any(&self) -> bool {
+        self.files().iter().any(Option::is_some)
+    }
+
+    /// Whose token this is, and which of his it is.
+    pub(super) fn role_of(&self, given: &str) -> Option<(Role, u64)> {
+        let files = self.files();
+        let matches = |file: &&TokenFile| file.token.as_deref().is_some_and(|token| same(given, token));
+        Role::ALL.into_iter().find_map(|role| {
+            let file = files[place(role)].as_ref().filter(matches)?;
+            Some((role, file.version))
+        })
+    }
+
+    /// How often a token has become another one: who came with an older one is gone.
+    pub(super) fn version(&self, role: Role) -> u64 {
+        self.files()[place(role)].as_ref().map_or(0, |file| file.version)
+    }
+
+    /// Looks at the files. This waits for a disk, and nobody waits for it meanwhile.
+    pub(super) fn look(&self) -> Vec<(Role, Change)> {
+        let look = |role: Role| {
+            let (path, seen) = {
+                let files = self.files();
+                let file = files[place(role)].as_ref()?;
+                (file.path.clone(), file.seen.clone())
+            };
+            let now = std::fs::metadata(&path).ok().map(|metadata| Seen::of(&metadata));
+            if now.is_some() && now == seen {
+                return None;
+            }
+            let found = read(&path);
+            let change = self.files()[place(role)].as_mut()?.take(found)?;
+            Some((role, change))
+        };
+        Role::ALL.into_iter().filter_map(look).collect()
+    }
+
+    fn files(&self) -> MutexGuard<'_, [Option<TokenFile>; 2]> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn place(role: Role) -> usize {
+    match role {
+        Role::Viewer => 0,
+        Role::Operator => 1,
+    }
+}
+
+/// Takes as long for a first wrong character as for a last one, so that nobody can guess them one by one.
+fn same(given: &str, token: &str) -> bool {
+    let differences = given.bytes().zip(token.bytes()).fold(0, |seen, (a, b)| black_box(seen | (a ^ b)));
+    given.len() == token.len() && differences == 0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    fn write(path: &Path, text: &str, mode: u32) {
+        std::fs::write(path, text).unwrap();
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).unwrap();
+    }
+
+    #[test]
+    fn what_is_no_token_is_refused_with_what_to_do() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("operator.token");
+        assert!(TokenFile::read(&path).unwrap_err().contains("is not there: isotherm token --out"));
+        for (text, mode, why) in [
+            ("0123456789abcdef\n", 0o644, Some("chmod 600")),
+            ("0123456789abcdef\n", 0o602, Some("chmod 600")),
+            ("0123456789abcde\n", 0o600, Some("15 characters, fewer than 16")),
+            ("äöüäöüäöüäöüäöüä", 0o600, Some("letters that no request can carry")),
+            (" \n", 0o600, Some("is empty")),
+            ("0123456789abcdef\n0123456789abcdef\n", 0o600, Some("more than one line")),
+            (&"x".repeat(513), 0o600, Some("longer than 512")),
+            ("0123456789abcdef\n", 0o640, None),
+            ("0123456789abcdef", 0o400, None),
+        ] {
+            let _ = std::fs::remove_file(&path);
+            write(&path, text, mode);
+            match (TokenFile::read(&path), why) {
+                (Ok(_), None) => {}
+                (Err(said), Some(why)) => assert!(said.contains(why), "{text:?}: {said}"),
+                (found, _) => panic!("{text:?} {mode:o}: {found:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn a_new_token_is_one_and_no_two_are_alike() {
+        let (one, other) = (new_token().unwrap(), new_token().unwrap());
+        assert_eq!((one.len(), one != other), (40, true));
+        assert!(one.bytes().all(|letter| letter.is_ascii_hexdigit()));
+    }
+
+    #[test]
+    fn a_token_that_is_changed_or_taken_away_is_none_any_more_and_that_is_said_once() {
+        let home = tempfile::tempdir().unwrap();
+        let [looks, commands] = ["viewer", "operator"].map(|name| home.path().join(name));
+        write(&looks, "looks-and-no-more", 0o600);
+        write(&commands, "commands-and-more", 0o600);
+        let file = |path| Some(TokenFile::read(path).unwrap());
+        let tokens = Tokens::new(file(&looks), file(&commands));
+        assert_eq!(tokens.look(), []);
+        assert_eq!(tokens.role_of("looks-and-no-more"), Some((Role::Viewer, 0)));
+        assert_eq!(tokens.role_of("commands-and-more"), Some((Role::Operator, 0)));
+        assert_eq!(tokens.role_of("commands-and-mor"), None);
+        assert_eq!(tokens.role_of(""), None);
+
+        write(&commands, "another-one-is-this", 0o600);
+        assert_eq!(tokens.look(), [(Role::Operator, Change::Another)]);
+        assert_eq!(tokens.role_of("commands-and-more"), None);
+        assert_eq!(tokens.role_of("another-one-is-this"), Some((Role::Operator, 1)));
+        std::fs::set_permissions(&commands, std::fs::Permissions::from_mode(0o604)).unwrap();
+        let changes = tokens.look();
+        assert!(matches!(&changes[..], [(Role::Operator, Change::Gone(why))] if why.contains("chmod 600")));
+        assert_eq!((tokens.look(), tokens.role_of("another-one-is-this")), (vec![], None));
+        std::fs::remove_file(&commands).unwrap();
+        assert_eq!(tokens.look(), []);
+        assert!(tokens.has(Role::Operator), "it is asked for all the same");
+        write(&commands, "another-one-is-this", 0o600);
+        assert_eq!(tokens.look(), [(Role::Operator, Change::Another)]);
+        // The viewer's is the operator's now: it commands nothing.
+        write(&looks, "another-one-is-this", 0o600);
+        tokens.look();
+        assert_eq!(tokens.role_of("another-one-is-this").unwrap().0, Role::Viewer);
+    }
+}

@@ -1,0 +1,165 @@
+//! Who has signed in with a browser: a random number in a cookie stands for it, and is no token.
+//!
+//! A visit ends after twelve hours, after one without use, when whoever it is goes, and with its token. The time is an
+//! argument: what has passed since the computer was started.
+
+use std::collections::HashMap;
+use std::time::Duration;
+
+use super::tokens::Role;
+
+const LONGEST: Duration = Duration::from_secs(12 * 3600);
+/// Without use.
+const IDLE: Duration = Duration::from_secs(3600);
+/// So many of each role at once. Of more, the one that was not used for longest ends.
+const MOST: usize = 64;
+
+/// The number of a visit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Key(u128);
+
+impl Key {
+    /// Made of 128 random bits.
+    pub(super) fn of(random: [u8; 16]) -> Key {
+        Key(u128::from_be_bytes(random))
+    }
+
+    /// As the cookie has it.
+    pub(super) fn text(self) -> String {
+        format!("{:032x}", self.0)
+    }
+
+    pub(super) fn parse(text: &str) -> Option<Key> {
+        let is_key = text.len() == 32 && text.bytes().all(|letter| letter.is_ascii_hexdigit());
+        u128::from_str_radix(text, 16).ok().filter(|_| is_key).map(Key)
+    }
+}
+
+#[derive(Debug)]
+struct Visit {
+    role: Role,
+    /// Of the token that it began with.
+    version: u64,
+    begun: Duration,
+    used: Duration,
+}
+
+/// Those that are open.
+#[derive(Debug, Default)]
+pub(super) struct Visits(HashMap<Key, Visit>);
+
+impl Visits {
+    /// Somebody has shown this token of a role.
+    pub(super) fn begin(&mut self, key: Key, (role, version): (Role, u64), now: Duration) {
+        self.0.retain(|_, visit| visit.is_open(now));
+        let same = self.0.iter().filter(|(_, visit)| visit.role == role);
+        if same.clone().count() >= MOST
+            && let Some(idle) = same.min_by_key(|(_, visit)| visit.used).map(|(key, _)| *key)
+        {
+            self.0.remove(&idle);
+        }
+        self.0.insert(key, Visit { role, version, begun: now, used: now });
+    }
+
+    /// Whose visit that is, and of which of his tokens. To `use` it keeps it open.
+    pub(super) fn role_of(
+        &mut self,
+        key: Key,
+        now: Duration,
+        uses: impl Fn(Role) -> bool,
+    ) -> Option<(Role, u64)> {
+        let visit = self.0.get_mut(&key).filter(|visit| visit.is_open(now))?;
+        if uses(visit.role) {
+            visit.used = now;
+        }
+        Some((visit.role, visit.version))
+    }
+
+    /// Whoever it is goes.
+    pub(super) fn end(&mut self, key: Key) {
+        self.0.remove(&key);
+    }
+}
+
+impl Visit {
+    fn is_open(&self, now: Duration) -> bool {
+        now < self.begun + LONGEST && now < self.used + IDLE
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OPERATOR: (Role, u64) = (Role::Operator, 3);
+
+    fn minute(minute: u64) -> Duration {
+        Duration::from_secs(60 * minute)
+    }
+
+    fn key(number: u128) -> Key {
+        Key(number)
+    }
+
+    #[test]
+    fn a_visit_ends_after_twelve_hours_and_after_one_without_use() {
+        for (used, now, open) in [
+            (&[][..], 59, true),
+            (&[], 60, false),
+            (&[50], 109, true),
+            (&[50], 110, false),
+            (&[50, 100, 150, 200, 250, 300, 350, 400, 450, 500, 550, 600, 650, 700], 719, true),
+            (&[50, 100, 150, 200, 250, 300, 350, 400, 450, 500, 550, 600, 650, 700], 720, false),
+            // One that is over is not begun again by using it.
+            (&[61], 62, false),
+        ] {
+            let mut visits = Visits::default();
+            visits.begin(key(7), OPERATOR, minute(0));
+            for at in used {
+                let _ = visits.role_of(key(7), minute(*at), |_| true);
+            }
+            let found = visits.role_of(key(7), minute(now), |_| false);
+            assert_eq!(found, open.then_some(OPERATOR), "{used:?} {now}");
+        }
+    }
+
+    #[test]
+    fn to_look_at_a_visit_is_not_to_use_it() {
+        let mut visits = Visits::default();
+        visits.begin(key(7), OPERATOR, minute(0));
+        assert!(visits.role_of(key(7), minute(50), |role| role == Role::Viewer).is_some());
+        assert_eq!(visits.role_of(key(7), minute(70), |_| true), None);
+    }
+
+    #[test]
+    fn who_goes_is_gone_and_nobody_else() {
+        let mut visits = Visits::default();
+        visits.begin(key(7), OPERATOR, minute(0));
+        visits.begin(key(8), OPERATOR, minute(0));
+        visits.end(key(7));
+        assert_eq!(visits.role_of(key(7), minute(1), |_| true), None);
+        assert_eq!(visits.role_of(key(8), minute(1), |_| true), Some(OPERATOR));
+    }
+
+    #[test]
+    fn of_too_many_the_one_that_was_not_used_for_longest_ends_and_no_role_takes_the_other_s_room() {
+        let mut visits = Visits::default();
+        visits.begin(key(0), (Role::Viewer, 0), minute(0));
+        (1..=64).for_each(|number| visits.begin(key(number), OPERATOR, minute(0)));
+        assert!(visits.role_of(key(1), minute(1), |_| true).is_some());
+        (65..=127).for_each(|number| visits.begin(key(number), OPERATOR, minute(2)));
+        let open = |visits: &mut Visits, number| visits.role_of(key(number), minute(3), |_| false).is_some();
+        assert!(open(&mut visits, 0) && open(&mut visits, 1) && open(&mut visits, 127));
+        assert!((2..=64).all(|number| !open(&mut visits, number)));
+        assert_eq!(visits.0.len(), 65);
+    }
+
+    #[test]
+    fn a_key_is_thirty_two_hexadecimal_digits_and_nothing_else() {
+        let key = Key::of(*b"0123456789abcdef");
+        assert_eq!(Key::parse(&key.text()), Some(key));
+        for text in ["", "30", "+0303132333435363738396162636465", "3031323334353637383961626364656g"] {
+            assert_eq!(Key::parse(text), None, "{text}");
+        }
+    }
+}

@@ -1,0 +1,36 @@
+//! The page to sign in: a plain form.
+
+use maud::{DOCTYPE, Markup, html};
+
+use super::Words;
+
+/// It tells nobody which machine this is. `view` is what he goes on to, `trouble` the key of what is wrong.
+pub(in crate::observe) fn login(words: &Words, view: Option<&str>, trouble: Option<&'static str>) -> Markup {
+    html! {
+        (DOCTYPE)
+        html lang=(words.language) {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="color-scheme" content="light dark";
+                title { (words.get("sign_in")) " · isotherm" }
+                link rel="icon" href="/page/icon.svg" type="image/svg+xml";
+                link rel="stylesheet" href="/page/login.css";
+            }
+            body {
+                main {
+                    h1 { "isotherm" }
+                    p { (words.get("sign_in_text")) }
+                    @if let Some(trouble) = trouble { p .trouble role="alert" { (words.get(trouble)) } }
+                    form method="post" action="/login" {
+                        // What a password manager keeps it under.
+                        input type="hidden" name="username" value="isotherm" autocomplete="username";
+                        @if let Some(view) = view { input type="hidden" name="view" value=(view); }
+                        label { (words.get("token")) " " input type="password" name="token" required autofocus autocomplete="current-password"; }
+                        button type="submit" { (words.get("sign_in")) }
+                    }
+                }
+            }
+        }
+    }
+}

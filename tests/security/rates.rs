@@ -1,0 +1,120 @@
+//! How often somebody may command, and how much of a flood is logged.
+
+use std::io::{Read, Write};
+use std::os::unix::net::UnixStream;
+use std::time::Duration;
+
+use isotherm::clock::Passing;
+
+use crate::process::until;
+use crate::site::{BOTH, OPERATOR, Site, bearer};
+
+const SECOND: Duration = Duration::from_secs(1);
+
+fn now() -> Duration {
+    Passing::default().passed()
+}
+
+/// How many of them may have been taken since then.
+fn most(begun: Duration) -> usize {
+    usize::try_from((now() - begun).as_secs()).unwrap() + 1
+}
+
+#[test]
+fn thousands_of_measured_errors_a_second_teach_no_more_than_one_a_second() {
+    let probe = "[axis.z.probe]\nlimit = 10.0\nfilter = 1.0\nmax_error = 50.0\n[output.cnc_z]";
+    let site = Site::of(BOTH, |text| text.replace("[output.cnc_z]", probe));
+    until("it compensates", || match &site.status()["axes"][0] {
+        axis if axis["state"] == "active" && axis["verified_um"].is_number() => Ok(()),
+        axis => Err(axis.to_string()),
+    });
+    let begun = now();
+    let measured = ("POST", "/api/axes/z/measured", &*bearer(OPERATOR), r#"{"error_um":-1.0}"#);
+    let codes = site.floods(measured, |_| now() < begun + 3 * SECOND);
+    let (most, sent) = (most(begun), codes.iter().map(|(_, count)| count).sum::<usize>());
+    let taken = codes.iter().filter(|(code, _)| *code != 429).map(|(_, count)| count).sum::<usize>();
+    assert!((1..=most).contains(&taken) && sent > 10 * most, "{codes:?}");
+    let events = site.status()["event_counts"].clone();
+    let count = |kind: &str| usize::try_from(events[kind].as_u64().unwrap_or_default()).unwrap();
+    assert_eq!(count("command") + count("command-refused"), taken, "{events}");
+    let learned = site.status()["axes"][0]["probe"]["history"].as_array().unwrap().len();
+    assert!(learned <= taken, "{learned} {taken}");
+    println!("{sent} in 3 s, {taken} taken, {learned} learned from");
+}
+
+#[test]
+fn commands_over_the_socket_and_over_http_share_one_a_second() {
+    let site = Site::with(BOTH);
+    site.is_known();
+    let socket = site.home.path().join("state/walker.sock");
+    let ask = |line: &str| {
+        let mut stream = UnixStream::connect(&socket).unwrap();
+        stream.write_all(line.as_bytes()).unwrap();
+        let mut said = String::new();
+        stream.read_to_string(&mut said).unwrap();
+        said
+    };
+    let (begun, mut taken, mut asked) = (now(), 0, 0);
+    while now() < begun + 3 * SECOND {
+        let said = ask("zero\n");
+        assert!(said.starts_with("ok ") || said.contains("less than a second ago"), "{said}");
+        let reply = site.post("/api/zero?axis=z", &bearer(OPERATOR));
+        assert!(reply.code == 200 || reply.header("retry-after") == "1", "{reply:?}");
+        taken += usize::from(said.starts_with("ok ")) + usize::from(reply.code == 200);
+        asked += 2;
+    }
+    assert!((1..=most(begun)).contains(&taken) && asked > 2 * taken, "{taken} of {asked}");
+    // What nobody knows is refused as often.
+    let begun = now();
+    let refused = (0..200).filter(|_| ask("zero axis=q\n").contains("no axis q")).count();
+    assert!((1..=most(begun)).contains(&refused), "{refused}");
+}
+
+#[test]
+fn whoever_disarms_again_within_a_second_finds_nothing_armed() {
+    let site = Site::with(BOTH);
+    site.is_known();
+    let operator = bearer(OPERATOR);
+    let soon = |verb: &str| {
+        until(verb, || match site.post(&format!("/api/{verb}"), &operator) {
+            reply if reply.code == 200 => Ok(()),
+            reply => Err(reply.body),
+        });
+    };
+    let is_armed = || site.status()["axes"][0]["armed"] == true;
+    soon("arm");
+    std::thread::sleep(SECOND * 9 / 10);
+    assert_eq!(site.post("/api/disarm", &operator).code, 200);
+    soon("arm");
+    assert!(is_armed());
+    // Soon after the one before, and not late.
+    assert_eq!(site.post("/api/disarm", &operator).code, 200);
+    assert!(!is_armed());
+    let begun = now();
+    let again = site.post("/api/disarm", &operator);
+    assert!(again.code == 429 || now() >= begun + SECOND, "{again:?}");
+    assert!(!is_armed());
+}
+
+#[test]
+fn of_many_lines_of_one_kind_ten_a_second_are_logged_and_the_others_counted() {
+    let signals: String = (0..40)
+        .map(|place| {
+            format!(
+                "[signal.s{place}]\ndevice = \"cnc\"\nregister = \"holding:0\"\ntype = \"i16\"\nscale = 0.1\nunit = \"degC\"\n\
+                 bad = [{{ raw = -999, means = \"open circuit\" }}]\nmax_age = \"5s\"\n"
+            )
+        })
+        .collect();
+    let mut site = Site::of("", |text| text.replace("[axis.z]", &format!("{signals}[axis.z]")));
+    site.device.asks(-999);
+    site.gateway.hears("more lines within a second were left out: signal-bad");
+    let lines = site.gateway.said.iter().filter(|line| line.contains("signal s")).count();
+    assert!(lines <= 20, "{lines} lines: {:#?}", site.gateway.said);
+    until("each is an event all the same", || {
+        match &site.get("/api/status", "").json()["event_counts"]["signal-bad"] {
+            count if count.as_u64() >= Some(40) => Ok(()),
+            count => Err(count.to_string()),
+        }
+    });
+}

@@ -1,0 +1,288 @@
+//! Who may look, and who may command.
+
+use std::os::unix::fs::PermissionsExt;
+
+use crate::process::{isotherm, until};
+use crate::site::{BOTH, OPERATOR, Site, VIEWER, bearer};
+
+/// Everything that changes something.
+const COMMANDS: [(&str, &str, &str); 12] = [
+    ("POST", "/api/arm", ""),
+    ("POST", "/api/disarm", ""),
+    ("POST", "/api/zero", ""),
+    ("POST", "/api/cancel", ""),
+    ("POST", "/api/sign", ""),
+    ("POST", "/api/sign-plus", ""),
+    ("POST", "/api/sign-minus", ""),
+    ("POST", "/api/sign-none", ""),
+    ("POST", "/api/acknowledge", ""),
+    ("POST", "/api/axes/z/measured", r#"{"error_um":1}"#),
+    ("DELETE", "/api/axes/z/measured", ""),
+    ("POST", "/api/arm?axis=z", ""),
+];
+
+#[test]
+fn without_a_token_nobody_commands_over_http_and_the_page_says_how_to_make_one() {
+    let site = Site::with("");
+    for (method, path, body) in COMMANDS {
+        let reply = site.send(method, path, "", body);
+        assert_eq!(reply.code, 403, "{path}: {reply:?}");
+        let said = reply.json();
+        assert_eq!(said["done"], false);
+        assert!(said["answer"].as_str().unwrap().contains("isotherm token --out"), "{said}");
+    }
+    let page = site.get("/", "Accept: text/html\r\n").body;
+    for words in [
+        "data-may=\"false\"",
+        "isotherm token --out /etc/isotherm/operator.token",
+        "token_file = &quot;/etc/isotherm/operator.token&quot;",
+    ] {
+        assert!(page.contains(words), "{words} in {page}");
+    }
+    assert_eq!(site.get("/api/status", "").code, 200, "to look is open on loopback");
+    site.is_known();
+    let (code, said) = site.verb(&["arm"]);
+    assert_eq!((code, said.contains("armed")), (0, true), "{said}");
+}
+
+#[test]
+fn what_a_proxy_has_sent_on_is_never_local() {
+    let site = Site::with("commands = \"local\"\n");
+    site.is_known();
+    for header in [
+        "Forwarded: for=192.0.2.7\r\n",
+        "X-Forwarded-For: 127.0.0.1\r\n",
+        "x-forwarded-for:\r\n",
+        "X-Forwarded-Host: localhost\r\n",
+        "X-Real-IP: 127.0.0.1\r\n",
+        "Via: 1.1 proxy\r\n",
+    ] {
+        for (method, path, body) in COMMANDS {
+            assert_eq!(site.send(method, path, header, body).code, 403, "{header} {path}");
+        }
+        assert_eq!(site.get("/api/status", header).code, 403, "{header}");
+        assert_eq!(site.get("/healthz", header).code, 200);
+    }
+    assert_eq!(site.status()["axes"][0]["armed"], false);
+    assert_eq!(site.post("/api/arm", "").code, 200);
+    let (_, warned) = site.verb(&["status"]);
+    let checked = isotherm(site.home.path()).arg("check").arg(&site.profile).output().unwrap();
+    let said = String::from_utf8(checked.stderr).unwrap();
+    assert!(said.contains("everybody on this computer may arm the axes"), "{said} {warned}");
+}
+
+#[test]
+fn whoever_has_the_viewers_token_looks_at_everything_and_commands_nothing() {
+    let site = Site::with(BOTH);
+    site.is_known();
+    let (looks, commands) = (bearer(VIEWER), bearer(OPERATOR));
+    for path in ["/", "/page/main.js", "/api/status", "/api/events", "/metrics", "/?view=wall"] {
+        assert_eq!(site.get(path, "").code, 401, "{path}");
+        assert_eq!(site.get(path, &looks).code, 200, "{path}");
+        assert_eq!(site.get(path, &commands).code, 200, "{path}");
+    }
+    for (method, path, body) in COMMANDS {
+        let nobody = site.send(method, path, "", body);
+        assert_eq!((nobody.code, nobody.json()["done"].as_bool()), (401, Some(false)), "{path}");
+        let reply = site.send(method, path, &looks, body);
+        let answer = reply.json()["answer"].as_str().unwrap().to_owned();
+        assert!(reply.code == 403 && answer.contains("Commands want the operator's"), "{path} {reply:?}");
+    }
+    assert_eq!(site.status()["axes"][0]["armed"], false);
+    let page = site.get("/", &looks).body;
+    assert!(page.contains("data-may=\"false\"") && page.contains("href=\"/login\""), "{page}");
+    assert!(site.get("/", &commands).body.contains("data-may=\"true\""));
+    assert_eq!(site.post("/api/arm", &commands).code, 200);
+}
+
+#[test]
+fn a_stolen_visit_is_no_token_and_ends_when_its_token_does() {
+    let site = Site::with(BOTH);
+    site.is_known();
+    let own = format!("Origin: http://{}\r\n", site.address);
+    let sign_in = |token: &str| site.send("POST", "/login", &own, &format!("token={token}"));
+    assert_eq!(
+        site.send("POST", "/login", "Origin: http://evil.example\r\n", &format!("token={OPERATOR}")).code,
+        403
+    );
+    let visit = |token: &str| {
+        let entered = sign_in(token);
+        assert_eq!((entered.code, entered.header("location")), (303, "/"), "{entered:?}");
+        let (cookie, attributes) = entered.header("set-cookie").split_once("; ").unwrap();
+        assert_eq!(attributes, "Path=/; HttpOnly; SameSite=Strict");
+        let (name, key) = cookie.split_once('=').unwrap();
+        assert_eq!(name, format!("isotherm_visit_{}", site.address.port()));
+        assert!(key.len() == 32 && !entered.head.contains(token), "{}", entered.head);
+        key.to_owned()
+    };
+    let (first, second, looks) = (visit(OPERATOR), visit(OPERATOR), visit(VIEWER));
+    assert_ne!(first, second);
+    let cookie = |key: &str| format!("Cookie: a=b; isotherm_visit_{}={key}\r\n{own}", site.address.port());
+    assert_eq!(site.get("/api/status", &bearer(&first)).code, 401);
+    assert_eq!(sign_in(&first).code, 401);
+    assert_eq!(
+        site.get(&format!("/?token={OPERATOR}"), "").code,
+        401,
+        "an address is kept in too many places"
+    );
+    assert_eq!(site.post("/api/arm", &cookie(&first)).code, 200);
+    assert_eq!(
+        site.post("/api/zero", &cookie(&first).replace(&own, "Origin: http://evil.example\r\n")).code,
+        403
+    );
+    assert_eq!(site.get("/api/status", &cookie(&looks)).code, 200);
+    assert_eq!(site.post("/api/zero", &cookie(&looks)).code, 403);
+    let wrong = cookie(&first.chars().rev().collect::<String>());
+    assert_eq!(site.get("/api/status", &wrong).code, 401);
+
+    let gone = site.post("/api/logout", &cookie(&second));
+    assert!(gone.code == 200 && gone.header("set-cookie").contains("Max-Age=0"), "{gone:?}");
+    assert_eq!(site.get("/api/status", &cookie(&second)).code, 401);
+    assert_eq!(site.get("/api/status", &cookie(&first)).code, 200, "the other one stays");
+    let mut watched = site.connect("127.0.0.1");
+    let request = format!(
+        "GET /api/live HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n{}\r\n",
+        site.address,
+        cookie(&first)
+    );
+    std::io::Write::write_all(&mut watched, request.as_bytes()).unwrap();
+
+    site.token("operator.token", "another-one-from-now-on");
+    until("the old one is gone", || match site.get("/api/status", &cookie(&first)).code {
+        401 => Ok(()),
+        code => Err(code.to_string()),
+    });
+    assert_eq!(site.get("/api/status", &bearer("another-one-from-now-on")).code, 200);
+    assert_eq!(site.get("/api/status", &cookie(&looks)).code, 200, "that of another role stays");
+    let mut seen = String::new();
+    std::io::Read::read_to_string(&mut watched, &mut seen).unwrap();
+    assert!(seen.contains("event: status"), "and what it looked at has ended: {seen}");
+    std::fs::remove_file(site.home.path().join("operator.token")).unwrap();
+    until("nobody commands", || match site.post("/api/zero", &bearer("another-one-from-now-on")).code {
+        401 | 429 => Ok(()),
+        code => Err(code.to_string()),
+    });
+}
+
+#[test]
+fn a_hundred_thousand_wrong_tokens_are_a_few_lines_and_the_right_one_from_elsewhere_works_meanwhile() {
+    let mut site = Site::with(BOTH);
+    let memory = || {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", site.gateway.id())).unwrap();
+        let line = status.lines().find(|line| line.starts_with("VmRSS")).unwrap().to_owned();
+        line.split_whitespace().nth(1).unwrap().parse::<u64>().unwrap()
+    };
+    let before = memory();
+    let wrong = bearer("guessed-by-somebody-who-tries");
+    let mut worked = 0;
+    let codes = site.floods(("GET", "/api/status", &wrong, ""), |sent| {
+        if sent % 10_000 == 0 {
+            let reply = site.send_from("127.0.0.2", "GET", "/api/status", &bearer(OPERATOR), "");
+            assert_eq!(reply.code, 200, "{reply:?}");
+            worked += 1;
+        }
+        sent < 100_000
+    });
+    let wrong_ones = codes.iter().find(|(code, _)| *code == 401).unwrap().1;
+    // Five a minute, and five in each minute that it took.
+    assert!(wrong_ones <= 20 && codes.iter().map(|(_, count)| count).sum::<usize>() == 100_000, "{codes:?}");
+    assert_eq!(worked, 11);
+    let closed = site.get("/api/status", &bearer(OPERATOR));
+    assert_eq!(closed.code, 429, "the right one from there is not looked at either");
+    assert!((1..=60).contains(&closed.header("retry-after").parse::<u32>().unwrap()), "{closed:?}");
+    assert!(closed.json()["answer"].as_str().unwrap().contains("isotherm arm"), "{closed:?}");
+    assert_eq!(site.get("/healthz", "").code, 200);
+    let metrics = site.send_from("127.0.0.2", "GET", "/metrics", &bearer(VIEWER), "").body;
+    let count = |why: &str| {
+        let line = metrics.lines().find(|line| {
+            line.starts_with("isotherm_refused_total") && line.contains(&format!("why=\"{why}\""))
+        });
+        line.unwrap().rsplit_once(' ').unwrap().1.parse::<usize>().unwrap()
+    };
+    assert_eq!(count("wrong-token") + count("too-many-wrong"), 100_001, "{metrics}");
+    let grown = memory().saturating_sub(before);
+    assert!(grown < 30_000, "{grown} kB more");
+    let lines = site.gateway.so_far().iter().filter(|line| line.contains("wrong token")).count();
+    assert!(lines <= 4, "{:#?}", site.gateway.said);
+    let told = site.verb(&["events", "--json"]).1;
+    assert!(told.contains("sign in") && told.contains("127.0.0.1"), "{told}");
+}
+
+#[test]
+fn a_browser_gets_a_page_to_sign_in_and_a_program_an_answer_it_can_read() {
+    let site = Site::with(BOTH);
+    for (language, words) in
+        [("en", "Sign in"), ("de", "Anmelden"), ("ja", "サインイン"), ("zh-CN", "登录"), ("fr", "Sign in")]
+    {
+        let page = site.get("/", &format!("Accept: text/html,*/*\r\nAccept-Language: {language}\r\n"));
+        assert_eq!(page.code, 401);
+        assert!(page.body.contains(words) && page.body.contains("type=\"password\""), "{}", page.body);
+        assert!(!page.body.contains("walker"), "nobody learns which machine it is: {}", page.body);
+        assert!(page.header("content-security-policy").contains("form-action 'self'"), "{}", page.head);
+    }
+    for path in ["/page/login.css", "/page/icon.svg", "/login"] {
+        assert_eq!(site.get(path, "").code, 200, "{path}");
+    }
+    let program = site.get("/metrics", "");
+    assert_eq!((program.code, program.header("www-authenticate")), (401, "Bearer realm=\"isotherm\""));
+    assert_eq!(program.json()["done"], false);
+    let wrong = site.send("POST", "/login", "Accept: text/html\r\n", "token=a-token-that-is-none");
+    assert!(wrong.code == 401 && wrong.body.contains("That is no token of this gateway"), "{wrong:?}");
+    assert_eq!(site.send("POST", "/login", "", &"x".repeat(5000)).code, 413);
+    for _ in 0..4 {
+        site.send("POST", "/login", "", "token=%00%ff");
+    }
+    let closed = site.send("POST", "/login", "Accept: text/html\r\n", &format!("token={OPERATOR}"));
+    assert!(closed.code == 429 && closed.body.contains("Wait a minute"), "{closed:?}");
+}
+
+/// Needs chromium and python3, as `tests/page.rs`.
+#[test]
+fn a_person_signs_in_commands_and_signs_out_in_a_real_browser() {
+    let site = Site::with(BOTH);
+    site.is_known();
+    let type_in = format!(
+        "eval:(() => {{ const field = document.querySelector('input[name=token]'); if (field) {{ field.value = '{OPERATOR}'; \
+         field.form.requestSubmit(); }} return document.querySelector('.buttons') !== null; }})()"
+    );
+    let may = "eval:document.querySelector('.buttons button').disabled === false";
+    let is_out = "eval:document.querySelector('input[name=token]') !== null";
+    let press = "eval:(document.querySelector('#question').open ? document.querySelector('#question-yes').click() : 0, \
+                 document.body.innerText.includes('z: armed'))";
+    let look = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/interop/look.py");
+    let seen = std::process::Command::new("python3")
+        .arg(look)
+        .arg(format!("http://{}/", site.address))
+        .args([&type_in, may, "click:Arm", press, "click:Sign out", is_out])
+        .output();
+    let seen = seen.unwrap_or_else(|error| panic!("no python3 ({error}): `tests/run page` installs it"));
+    let said = [seen.stdout, seen.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
+    assert!(seen.status.success(), "{said}\n(without chromium: `tests/run page`)");
+    assert_eq!(site.status()["axes"][0]["armed"], true);
+}
+
+#[test]
+fn a_token_that_others_may_read_or_that_is_short_keeps_the_gateway_from_starting_with_what_to_do() {
+    let home = tempfile::tempdir().unwrap();
+    let token = home.path().join("operator.token");
+    let made = isotherm(home.path()).args(["token", "--out"]).arg(&token).output().unwrap();
+    assert!(made.status.success() && made.stdout.is_empty());
+    assert_eq!(std::fs::metadata(&token).unwrap().permissions().mode() & 0o777, 0o600);
+    let again = isotherm(home.path()).args(["token", "--out"]).arg(&token).output().unwrap();
+    assert_eq!(again.status.code(), Some(1), "one that is there is not touched");
+    let site = Site::with("");
+    let profile = std::fs::read_to_string(&site.profile).unwrap();
+    let profile = profile.replace("[web]\n", &format!("[web]\ntoken_file = \"{}\"\n", token.display()));
+    let profile = crate::process::file(home.path(), "machine.toml", &profile);
+    for (text, mode, why) in
+        [("0123456789abcdef", 0o644, "chmod 600"), ("short", 0o600, "fewer than 16"), ("", 0o600, "is empty")]
+    {
+        std::fs::write(&token, text).unwrap();
+        std::fs::set_permissions(&token, std::fs::Permissions::from_mode(mode)).unwrap();
+        for (verb, code) in [("run", 1), ("check", 0)] {
+            let ended = isotherm(home.path()).arg(verb).arg(&profile).output().unwrap();
+            let said = String::from_utf8(ended.stderr).unwrap();
+            assert!(ended.status.code() == Some(code) && said.contains(why), "{verb}: {said}");
+        }
+    }
+}
