@@ -49,9 +49,9 @@ export function showPast(status) {
     by("past-tools").append(...spans.values(), ...tools);
     const ofAxis = (axis, index) => [
       ["cz", "Cz", []], ["raw", t("raw"), [5, 4]],
-      ...axis.truth ? [["error", t("true_error"), [2, 3], true], ["left", t("true_left"), [9, 3], true]] : [],
-    ].map(([column, title, dash, isTruth]) =>
-      ({ column: `${axis.name}_${column}_um`, label: `${title} ${labelled(axis)}`, unit: "um", dash, index, isTruth }));
+      ...axis.truth ? [["error", t("true_error"), [2, 3], 1], ["left", t("true_left"), [9, 3], 2]] : [],
+    ].map(([column, title, dash, truth]) =>
+      ({ column: `${axis.name}_${column}_um`, label: `${title} ${labelled(axis)}`, unit: "um", dash, index, truth }));
     const temperatures = status.signals.filter(({ unit }) => unit === "degC" || unit === "K");
     lines = [
       status.axes.flatMap(ofAxis),
@@ -71,7 +71,7 @@ async function load() {
   const columns = (some) => some.map(({ column }) => column).slice(0, 64).join(",");
   const question = new URLSearchParams({ from: moment(end() - view.span), to: moment(end()) });
   // Only a virtual machine knows the truth, and it has no rows beside those of the log.
-  question.set("columns", columns(lines.flat().filter(({ isTruth }) => !isTruth)));
+  question.set("columns", columns(lines.flat().filter(({ truth }) => !truth)));
   by("past-download").href = `/api/history.csv?${question}`;
   question.set("columns", columns(lines.flat()));
   question.set("points", Math.max(100, Math.min(1000, by("past-charts").clientWidth)));
@@ -128,8 +128,8 @@ function options(group) {
     ],
     series: [
       { label: t("machine_time"), value: (_, seconds) => at(seconds) },
-      ...group.map(({ label, dash, index, unit }) => ({
-        label, dash, stroke: dash.length ? colour("--text") : COLOURS[index % COLOURS.length], width: dash.length ? 1.3 : 2, points: { show: false },
+      ...group.map(({ label, dash, index, truth, unit }) => ({
+        label, dash, stroke: dash.length && !truth ? colour("--text") : COLOURS[(index + (truth ?? 0)) % COLOURS.length], width: dash.length ? 1.3 : 2, points: { show: false },
         value: (_, value) => (value === null || value === undefined ? "–" : quantity(value, unit)),
       })),
     ],
@@ -138,6 +138,7 @@ function options(group) {
       sync: { key: "past" },
       bind: { dblclick: () => () => look(8 * 3600, null) },
     },
+    legend: { markers: { dash: (chart, line) => (chart.series[line].dash?.length ? "dashed" : "solid") } },
     hooks: { setSelect: [zoom] },
   };
 }
