@@ -54,6 +54,7 @@ mod wander;
 pub use control::Taken;
 pub use fault::{FaultError, FaultScript};
 pub use journal::Seen;
+pub use modbus::answered;
 pub use plant::{Plant, PlantError, PlantSpec, Published, PublishedAxis};
 pub use truth::{AxisSummary, AxisTruth, Extent, Summary, TruthRow};
 

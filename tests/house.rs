@@ -12,11 +12,12 @@ mod source;
 
 /// Which rooms of its crate each room may import, where Cargo cannot hold it. A name behind `::` narrows it to that part
 /// of the room. `src/lib.rs` and `crates/core/src/lib.rs` draw the same.
-const ARROWS: [(&str, &str, &[&str]); 12] = [
+const ARROWS: [(&str, &str, &[&str]); 13] = [
+    ("crates/core", "border", &[]),
     ("crates/core", "quantity", &[]),
     ("crates/core", "reading", &["quantity"]),
     ("crates/core", "codec", &["quantity", "reading"]),
-    ("crates/core", "compensation", &["quantity", "reading"]),
+    ("crates/core", "compensation", &["border", "quantity", "reading"]),
     ("crates/core", "output", &["quantity"]),
     ("", "clock", &[]),
     ("", "fieldbus", &["clock"]),

@@ -27,12 +27,19 @@ pub(super) struct Arguments {
     json: bool,
 }
 
+/// More of a kind nobody reads.
+const MOST_WARNINGS: usize = 50;
+
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let ProfileArguments { path, set } = &arguments.profile;
     let profile = warned(load_quietly(path, set, arguments.json)?);
     let preview = Preview::of(&profile);
-    for warning in preview::warnings(&profile) {
+    let warnings = preview::warnings(&profile);
+    for warning in warnings.iter().take(MOST_WARNINGS) {
         say_beside!("warning: {warning}");
+    }
+    if let Some(more) = warnings.len().checked_sub(MOST_WARNINGS).filter(|more| *more > 0) {
+        say_beside!("… and {more} more warnings of the lines");
     }
     for warning in unlike_run(&profile) {
         say_beside!("warning: {warning}");

@@ -1,4 +1,4 @@
-//! What long work shows meanwhile, on stderr: on a terminal a line that is redrawn, elsewhere one every ten seconds.
+//! What long work shows meanwhile, on stderr: on a terminal a line that is redrawn, elsewhere one every five seconds.
 
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::say::say_beside;
 
 /// Where no terminal redraws it, it is said this often.
-const SAID_EVERY: Duration = Duration::from_secs(10);
+const SAID_EVERY: Duration = Duration::from_secs(5);
 const DRAWN_EVERY: Duration = Duration::from_millis(200);
 
 /// Work that is under way, until this is dropped.

@@ -22,7 +22,7 @@ use jiff::tz::TimeZone;
 
 use super::logs::LogZone;
 use super::{ProfileArguments, load_modelled, print_json};
-use crate::cli::say::say_all;
+use crate::cli::say::{say_all, say_beside};
 use crate::gateway::log::{LogReader, LogRow, number};
 use isotherm_core::compensation::{Compensation, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::Micron;
@@ -100,6 +100,9 @@ fn run_outputs(arguments: &Arguments, log: impl Read, name: &str) -> anyhow::Res
     Ok(())
 }
 
+/// Rows: a log of a month takes a while.
+const SAID_EVERY: u64 = 2_000_000;
+
 /// What one axis came to at one row.
 #[derive(Clone, Debug)]
 struct Outcome<'a> {
@@ -143,6 +146,7 @@ pub fn replay<'a>(
     let mut compensation = from(profile, Remembered::default());
     let mut tally = Tally::new(profile);
     let mut cells = Vec::new();
+    let mut rows = 0u64;
     while let Some(row) = reader.next_row()? {
         if let Some(memory) = &row.begins {
             compensation = from(profile, memory.clone());
@@ -158,6 +162,10 @@ pub fn replay<'a>(
             compensation.follow(&snapshot);
         }
         tally.row(row.now);
+        rows += 1;
+        if rows.is_multiple_of(SAID_EVERY) {
+            say_beside!("{name}: {} million rows so far", rows / 1_000_000);
+        }
         cells.clear();
         cells.push(row.time.clone());
         for axis in 0..profile.axes.len() {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::logs::LogZone;
+use super::progress::Progress;
 use isotherm_identify::dataset::{BadLog, Dataset, Split, Units};
 
 /// How logs become runs.
@@ -29,6 +30,7 @@ pub(super) struct Runs {
 impl Runs {
     /// Reads the logs. What a gauge showed becomes the column `error`.
     pub(super) fn read(&self, logs: &[PathBuf], error: &str, units: Units<'_>) -> Result<Dataset, BadLog> {
+        let _reading = Progress::begin("reading the logs");
         let zone = Some(self.zone.of_the_log());
         let split = Split { column: self.run_column.clone(), gap: self.gap, zone };
         let mut dataset = Dataset::read(logs, &split, units)?;

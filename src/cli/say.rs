@@ -61,9 +61,36 @@ fn not_taken(error: Error) -> Error {
     Error::new(error.kind(), format!("what is printed (standard output) cannot be written: {error}"))
 }
 
+/// A line beside that is cut after so many characters: it quotes what a file, or a device, says.
+const LONGEST_LINE: usize = 2000;
+/// What is said beside at once, in bytes.
+const MOST_SAID: usize = 64_000;
+
 /// A line beside that: a warning, or how far something is. It is lost where nobody takes it.
 pub(crate) fn beside(text: Arguments<'_>) {
-    let _ = std::io::stderr().write_all(lines(&format!("{text}\n")).as_bytes());
+    let _ = std::io::stderr().write_all(format!("{}\n", readable(&lines(&text.to_string()))).as_bytes());
+}
+
+/// As much of a text as a person can read.
+fn readable(text: &str) -> String {
+    let mut said = String::new();
+    let mut lines = text.split('\n');
+    while let Some(line) = lines.next() {
+        let end = line.char_indices().nth(LONGEST_LINE).map_or(line.len(), |(end, _)| end);
+        if said.len() + end > MOST_SAID {
+            let more = 1 + lines.count();
+            said.push_str(&format!("\n… and {more} more lines"));
+            break;
+        }
+        if !said.is_empty() {
+            said.push('\n');
+        }
+        said.push_str(&line[..end]);
+        if end < line.len() {
+            said.push('…');
+        }
+    }
+    said
 }
 
 /// What stands in the last line of a terminal, and is written over by the next.
@@ -89,3 +116,16 @@ macro_rules! say_progress {
     ($($text:tt)*) => { $crate::cli::say::progress(format_args!($($text)*)) };
 }
 pub(crate) use {say, say_all, say_beside, say_progress};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_is_told_more_than_can_be_read() {
+        assert_eq!(readable("a line\n\n  and another"), "a line\n\n  and another");
+        assert_eq!(readable(&"µ".repeat(3000)), format!("{}…", "µ".repeat(LONGEST_LINE)));
+        let many = readable(&"sixteen letters.\n".repeat(100_000));
+        assert!(many.len() < MOST_SAID + 100 && many.ends_with("more lines"), "{}", &many[many.len() - 60..]);
+    }
+}

@@ -162,6 +162,26 @@ impl Request {
     }
 }
 
+/// What a unit with sixteen cells in each table answers to these bytes, one request behind the other, as a connection of a
+/// virtual machine does. For whoever looks for bytes that it cannot take.
+pub fn answered(bytes: &[u8], is_rtu: bool) -> Vec<u8> {
+    let framing = if is_rtu { Framing::Rtu } else { Framing::Tcp };
+    let mut bank = Bank::default();
+    for table in [Table::Coil, Table::Discrete, Table::Input, Table::Holding] {
+        bank.reserve(&Register { table, offset: 0 }.into(), 16);
+    }
+    let (mut left, mut answers) = (bytes, Vec::new());
+    while let Ok(Some((header, pdu))) = framing.request(left) {
+        let behind = pdu.end + framing.trailer();
+        let pdu = &left[pdu];
+        let answer = Request::decode(pdu).and_then(|request| request.answer(pdu, &mut bank));
+        let answer = answer.unwrap_or_else(|code| exception(pdu, code));
+        answers.extend(framing.frame(header.transaction, header.unit, &answer));
+        left = &left[behind..];
+    }
+    answers
+}
+
 /// The answer that says no.
 pub(super) fn exception(pdu: &[u8], code: u8) -> Vec<u8> {
     vec![pdu.first().copied().unwrap_or_default() | 0x80, code]

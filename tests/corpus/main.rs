@@ -4,13 +4,15 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "these are tests")]
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
+use isotherm::clock::Clock;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 
 mod targets;
 
-/// Inputs by chance for each target, unless `INPUTS` in the environment says how many.
+/// Inputs by chance for each target, unless `INPUTS` in the environment says how many; `TARGET` names one of them.
 const BY_CHANCE: usize = 300;
 
 fn corpus(name: &str) -> Vec<(PathBuf, Vec<u8>)> {
@@ -57,14 +59,24 @@ fn mutated(inputs: &[(PathBuf, Vec<u8>)], random: &mut Pcg32) -> Vec<u8> {
 
 #[test]
 fn inputs_made_of_them_by_chance_are_taken_too() {
-    let count = std::env::var("INPUTS").ok().map_or(BY_CHANCE, |count| count.parse().unwrap());
+    let variable = |name| std::env::var(name).ok();
+    let count = variable("INPUTS").map_or(BY_CHANCE, |count| count.parse().unwrap());
+    let longest = variable("TEST_INPUTS_FOR").map(|seconds| Duration::from_secs(seconds.parse().unwrap()));
+    let count = if longest.is_some() { usize::MAX } else { count };
+    let clock = Clock::wall();
     for (name, target) in targets::TARGETS {
+        if variable("TARGET").is_some_and(|only| only != name) {
+            continue;
+        }
         let inputs = corpus(name);
         let mut random = Pcg32::seed_from_u64(7);
-        for _ in 0..count {
+        let (begun, mut taken) = (clock.now(), 0);
+        while taken < count && longest.is_none_or(|longest| clock.now().since(begun) < longest) {
             let bytes = mutated(&inputs, &mut random);
-            let taken = std::panic::catch_unwind(|| target(&bytes));
-            assert!(taken.is_ok(), "{bytes:02x?} makes {name} panic");
+            let held = std::panic::catch_unwind(|| target(&bytes));
+            assert!(held.is_ok(), "{bytes:02x?} makes {name} panic");
+            taken += 1;
         }
+        println!("{name}: {taken} inputs in {:.1} s", clock.now().since(begun).as_secs_f64());
     }
 }

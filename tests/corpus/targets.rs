@@ -2,21 +2,34 @@
 //!
 //! `tests/fuzz` lets a fuzzer look for such bytes; the inputs that it kept are fed again by every test run.
 
-use std::io;
+use std::io::{self, Read, Write};
+use std::net::{Shutdown, SocketAddr, TcpStream};
 use std::path::Path;
 use std::pin::Pin;
 use std::sync::LazyLock;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll};
+use std::time::Duration;
 
 use isotherm::clock::Clock;
+use isotherm::fieldbus::canopen::NodeId;
+use isotherm::fieldbus::canopen::master::{Care, Master, Start};
+use isotherm::fieldbus::canopen::sdo::{Client, LONGEST, Progress};
 use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::modbus::ModbusTcp;
 use isotherm::fieldbus::port::Port;
 use isotherm::fieldbus::rtu::Rtu;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::{Answer, Request, Wire};
-use isotherm_core::codec::{Address, DataType, Encoding, Register, Scale, Table, WordOrder, checksum};
+use isotherm::gateway::{Gateway, Options};
+use isotherm::observe::http::serve;
+use isotherm::virtual_machine::answered;
+use isotherm_core::codec::{
+    Address, DataType, Encoding, Entry, Frame, Register, Scale, Table, WordOrder, checksum,
+};
+use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
+use isotherm_identify::dataset::{Dataset, Split};
 use isotherm_profile::plan::plan;
 use isotherm_profile::{Device, Profile, Quirks, Signal};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
@@ -25,13 +38,21 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 pub(crate) type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub(crate) const TARGETS: [Target; 6] = [
+pub(crate) const TARGETS: [Target; 14] = [
     ("codec", codec),
     ("plan", planner),
     ("profile", profile_text),
+    ("templates", template),
     ("files", files),
+    ("onnx", onnx),
     ("dbc", dbc),
+    ("csv", csv),
+    ("parquet", parquet),
+    ("deck", deck),
     ("client", client),
+    ("server", server),
+    ("canopen", canopen),
+    ("http", http),
 ];
 
 /// Bytes taken from the front; zeros when there are none left.
@@ -188,6 +209,168 @@ pub(crate) fn files(data: &[u8]) {
     {
         assert!(!errors.to_string().is_empty());
     }
+}
+
+/// A device template beside the profile.
+pub(crate) fn template(data: &[u8]) {
+    let text = PROFILE.replace("unit = 1\n", "unit = 1\ntemplate = \"fuzzed\"\n");
+    let files = [("devices/fuzzed.toml", data)];
+    match isotherm_profile::parse_with(Path::new("fuzz.toml"), &text, &files, &[], &[]) {
+        Err(errors) => assert!(!errors.to_string().is_empty()),
+        Ok(loaded) => drop(isotherm_profile::preview::Preview::of(&loaded.profile).to_string()),
+    }
+}
+
+/// A network in an ONNX file.
+pub(crate) fn onnx(data: &[u8]) {
+    let model = "kind = \"network\"\nfile = \"n.onnx\"\ninputs = [\"bed\"]";
+    let text = format!("{PROFILE}\n[[axis.z.model]]\nname = \"fuzzed\"\n{model}\n");
+    match isotherm_profile::parse_with(Path::new("fuzz.toml"), &text, &[("n.onnx", data)], &[], &[]) {
+        Err(errors) => assert!(!errors.to_string().is_empty()),
+        Ok(loaded) => drop(isotherm_profile::preview::Preview::of(&loaded.profile).to_string()),
+    }
+}
+
+thread_local! {
+    /// For what is read from a file only.
+    static DIRECTORY: tempfile::TempDir = tempfile::tempdir().expect("a directory");
+}
+
+fn in_a_file(name: &str, data: &[u8], read: impl FnOnce(&Path)) {
+    DIRECTORY.with(|directory| {
+        let path = directory.path().join(name);
+        std::fs::write(&path, data).expect("room for a file");
+        read(&path);
+    });
+}
+
+/// A log in CSV, for those who learn from it, and for the gateway's own steps over it.
+pub(crate) fn csv(data: &[u8]) {
+    in_a_file("fuzz.csv", data, learn);
+    if let Err(why) = isotherm::cli::replay::replay(&USUAL, data, "fuzz.csv", None) {
+        assert!(!why.to_string().is_empty());
+    }
+    if let Err(why) = isotherm::cli::replay::replay_outputs(data, "fuzz.outputs.csv") {
+        assert!(!why.to_string().is_empty());
+    }
+}
+
+/// A log in Parquet.
+pub(crate) fn parquet(data: &[u8]) {
+    in_a_file("fuzz.parquet", data, learn);
+}
+
+fn learn(path: &Path) {
+    let split = Split { column: None, gap: Some(Duration::from_secs(3600)), zone: None };
+    match Dataset::read(&[path.to_owned()], &split, &|_| None) {
+        Err(why) => assert!(!why.to_string().is_empty()),
+        Ok(dataset) => {
+            for run in &dataset.runs {
+                assert!(run.values.iter().all(|column| column.len() == run.times.len()), "{}", run.name);
+                assert!(run.times.is_sorted());
+            }
+        }
+    }
+}
+
+/// An FE input file.
+pub(crate) fn deck(data: &[u8]) {
+    in_a_file("fuzz.inp", data, |path| {
+        if let Err(faults) = isotherm_placement::fe_input::read(path) {
+            assert!(!faults.to_string().is_empty());
+        }
+    });
+}
+
+/// The page of a gateway that polls nothing, on a loopback socket of this process.
+static DOOR: LazyLock<SocketAddr> = LazyLock::new(|| {
+    let (tell, told) = std::sync::mpsc::channel();
+    std::thread::Builder::new()
+        .name(SERVES.to_owned())
+        .spawn(move || {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+            runtime.expect("a runtime").block_on(async {
+                let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
+                tell.send(listener.local_addr().expect("its address")).expect("somebody waits");
+                let gateway = Gateway::new(USUAL.clone(), &Clock::wall(), Options::default());
+                serve(listener, gateway.source(), None, std::future::pending()).await.expect("it serves");
+            });
+        })
+        .expect("a thread");
+    let before = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        // A task that panics takes its connection along, and nobody hears of it.
+        PANICKED.fetch_or(std::thread::current().name() == Some(SERVES), Ordering::Relaxed);
+        before(panic);
+    }));
+    told.recv().expect("an address")
+});
+static PANICKED: AtomicBool = AtomicBool::new(false);
+const SERVES: &str = "serves";
+
+/// Requests to the page: each is answered in HTTP, or not at all.
+pub(crate) fn http(data: &[u8]) {
+    let mut stream = TcpStream::connect(*DOOR).expect("the page is there");
+    stream.set_read_timeout(Some(Duration::from_secs(30))).expect("a timeout");
+    let mut answer = Vec::new();
+    // What is refused halfway is not read on.
+    let _ = stream.write_all(data).and_then(|()| stream.shutdown(Shutdown::Write));
+    let _ = stream.read_to_end(&mut answer);
+    assert!(answer.is_empty() || answer.starts_with(b"HTTP/1."), "{}", String::from_utf8_lossy(&answer));
+    assert!(!PANICKED.load(Ordering::Relaxed), "the server panicked");
+}
+
+/// Requests to a virtual device, in frames of TCP or RTU: each is answered within a frame, or refused.
+pub(crate) fn server(data: &[u8]) {
+    let Some((how, bytes)) = data.split_first() else { return };
+    let is_rtu = how & 1 == 1;
+    let mut bytes = bytes.to_vec();
+    if is_rtu && how & 2 == 2 {
+        // What comes behind is looked at only where the checksum is right.
+        let sum = checksum(&bytes).to_le_bytes();
+        bytes.extend_from_slice(&sum);
+    }
+    // The shortest request over TCP has eight bytes, and the longest answer 260.
+    assert!(answered(&bytes, is_rtu).len() <= (bytes.len() / 4 + 1) * 260);
+}
+
+/// Frames of CANopen: what a node says while an entry of it is read or written, and while its master listens.
+pub(crate) fn canopen(data: &[u8]) {
+    let mut bytes = Bytes(data);
+    let how = bytes.byte();
+    let node = NodeId::new(how & 3 | 4).expect("4 to 7");
+    let entry = Entry::new(bytes.word(), bytes.byte());
+    let mut client = Client::new(node);
+    let written = [how; 40];
+    let _ = if how & 8 == 0 {
+        client.read(entry)
+    } else {
+        client.write(entry, &written[..usize::from(how % 41)])
+    };
+    let care = Care { heartbeat: Some(Duration::from_secs(1)), start: Start::AtOnce };
+    let mut now = Moment::from_nanos(0);
+    let mut master = Master::new([(node, care)], None, now);
+    let mut outputs = Vec::new();
+    for _ in 0..64 {
+        if bytes.0.is_empty() {
+            break;
+        }
+        let services = [0x580, 0x580, 0x580, 0x700, 0x080, 0x180];
+        let kind = bytes.byte();
+        let id = node.identifier(services[usize::from(kind % 6)]);
+        let data: [u8; 8] = bytes.take();
+        let length = if kind & 0x40 == 0 { 8 } else { usize::from(kind & 7) };
+        let Some(frame) = Frame::classic(id, &data[..length]) else { continue };
+        now = now.after(Duration::from_millis(u64::from(kind)));
+        master.take(&frame, now, &mut outputs);
+        master.tick(now, &mut outputs);
+        match client.take(&frame) {
+            Some(Progress::Read(data)) => assert!(data.bytes().len() <= LONGEST, "{}", data.bytes().len()),
+            Some(Progress::Failed(fault, _)) => assert!(!fault.to_string().is_empty()),
+            Some(Progress::Send(_) | Progress::Begin(_) | Progress::Written) | None => {}
+        }
+    }
+    assert!(outputs.len() <= 64 * 8, "{}", outputs.len());
 }
 
 /// A DBC file, and frames of every length for the signals that it describes.

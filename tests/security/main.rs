@@ -9,6 +9,7 @@ mod crowd;
 mod device;
 #[path = "../http/fake.rs"]
 mod fake;
+mod files;
 mod https;
 mod layers;
 mod port;

@@ -6,12 +6,14 @@
 //! quantity ← output                                 from a decision to the next action on a register
 //! ```
 //!
+//! - [`border`] — where the code of others begins: its panics end there.
 //! - [`quantity`] — units as types: µm, mm, °C, gains, counts of a register, moments.
 //! - [`reading`] — a value, when it was measured, and whether it may be believed.
 //! - [`codec`] — registers and the bits of CAN frames become values, and values become registers.
 //! - [`compensation`] — the first pure step: from a snapshot of readings to a decision per axis.
 //! - [`output`] — the second: from a decision, and what the register said, to what is sent next.
 
+pub mod border;
 pub mod codec;
 pub mod compensation;
 pub mod output;

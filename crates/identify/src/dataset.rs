@@ -7,6 +7,7 @@
 //! date and time of the zone), `time_s` or `time_min` orders the rows; every other column is a number per row (NaN where it
 //! is missing) or text.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -97,12 +98,12 @@ impl Dataset {
     pub fn read(files: &[PathBuf], split: &Split, units: Units<'_>) -> Result<Dataset, BadLog> {
         let (mut tables, mut wrong) = (Vec::new(), Vec::new());
         for file in files::logs(files, &mut wrong) {
-            match read_table(&file, split.zone.clone()) {
+            match read_table(&file, split) {
                 Ok(table) => tables.push(table),
                 Err(BadLog(found)) => wrong.extend(found),
             }
         }
-        Dataset::from_tables(&BadLog::unless(wrong, tables)?, split, units)
+        Dataset::from_tables(BadLog::unless(wrong, tables)?, split, units)
     }
 
     /// Adds the readings of a small file, `time` and one column of µm (or, named `…_mm`, of mm), as the column `error`: each in
@@ -119,31 +120,35 @@ impl Dataset {
         gauge::add(self, file, (error, within), zone)
     }
 
-    fn from_tables(tables: &[Table], split: &Split, units: Units<'_>) -> Result<Dataset, BadLog> {
+    fn from_tables(tables: Vec<Table>, split: &Split, units: Units<'_>) -> Result<Dataset, BadLog> {
         // Every name that has numbers in some file, in the order in which they are met.
-        let mut names: Vec<&str> = Vec::new();
+        let (mut names, mut seen) = (Vec::new(), HashSet::new());
         for name in tables.iter().flat_map(Table::names_of_numbers) {
-            if !names.contains(&name) {
-                names.push(name);
+            if seen.insert(name) {
+                names.push(name.to_owned());
             }
         }
         let lacks = |table: &Table| {
-            let lacking = names.iter().copied().filter(|name| table.numbers(name).is_none());
+            let own: HashSet<&str> = table.names_of_numbers().collect();
+            let lacking = names.iter().map(String::as_str).filter(|name| !own.contains(name));
             let lacking: Vec<&str> = lacking.collect();
             let remark = format!("{} has no column {}", table.file.display(), lacking.join(", "));
             (!lacking.is_empty()).then_some(remark)
         };
+        let remarks = tables.iter().filter_map(lacks).collect();
+        let acted: HashSet<String> = tables.iter().flat_map(|table| table.acted.iter().cloned()).collect();
         let runs = split::runs(tables, &names, split)?;
-        let column = |(place, name): (usize, &&str)| {
-            let has_acted = |table: &Table| table.acted.iter().any(|known| known == name);
-            let kind = match tables.iter().any(has_acted) {
+        let column = |(place, name): (usize, String)| {
+            let kind = match acted.contains(&name) {
                 true => Kind::Compensation,
-                false => Kind::guess(name, units(name), runs.iter().map(|run| run.values[place].as_slice())),
+                false => {
+                    Kind::guess(&name, units(&name), runs.iter().map(|run| run.values[place].as_slice()))
+                }
             };
-            Column { name: (*name).to_owned(), kind }
+            Column { name, kind }
         };
-        let columns = names.iter().enumerate().map(column).collect();
-        Ok(Dataset { columns, remarks: tables.iter().filter_map(lacks).collect(), runs })
+        let columns = names.into_iter().enumerate().map(column).collect();
+        Ok(Dataset { columns, remarks, runs })
     }
 
     /// The names of the columns.
@@ -193,13 +198,13 @@ impl Run {
     }
 }
 
-fn read_table(file: &Path, zone: Option<TimeZone>) -> Result<Table, BadLog> {
+fn read_table(file: &Path, split: &Split) -> Result<Table, BadLog> {
     let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
     if !ending.eq_ignore_ascii_case("parquet") {
-        return csv::read(file, zone);
+        return csv::read(file, split);
     }
     #[cfg(feature = "parquet")]
-    return parquet::read(file, zone);
+    return parquet::read(file, split);
     #[cfg(not(feature = "parquet"))]
     return Err(BadLog(vec![format!(
         "{}: this program was built without Parquet; write CSV, or build it with --features parquet",

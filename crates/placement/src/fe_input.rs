@@ -87,26 +87,59 @@ impl fmt::Display for Fault {
     }
 }
 
-/// Everything that is wrong in an FE input file.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Faults(pub Vec<Fault>);
+/// Everything that is wrong in an FE input file. The first are described, the others are counted.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Faults {
+    /// In the order in which they were found.
+    pub described: Vec<Fault>,
+    /// Beyond these.
+    pub more: usize,
+}
 
 /// More than these nobody reads at once.
 const SHOWN: usize = 20;
+/// More than these need not be described to be counted: a mesh without its nodes has one in every line.
+const MOST_DESCRIBED: usize = 10_000;
+/// A sentence quotes what stands in a file.
+const LONGEST_SENTENCE: usize = 1000;
+
+impl Faults {
+    fn push(&mut self, fault: Fault) {
+        if self.described.len() < MOST_DESCRIBED { self.described.push(fault) } else { self.more += 1 }
+    }
+
+    fn len(&self) -> usize {
+        self.described.len() + self.more
+    }
+
+    fn is_empty(&self) -> bool {
+        self.described.is_empty()
+    }
+}
+
+impl Extend<Fault> for Faults {
+    fn extend<T: IntoIterator<Item = Fault>>(&mut self, faults: T) {
+        faults.into_iter().for_each(|fault| self.push(fault));
+    }
+}
 
 impl fmt::Display for Faults {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // The same mistake in line after line is shown once.
         let alike = |a: &Fault, b: &Fault| (&a.file, &a.card, &a.message) == (&b.file, &b.card, &b.message);
-        let groups: Vec<&[Fault]> = self.0.chunk_by(alike).collect();
+        let groups: Vec<&[Fault]> = self.described.chunk_by(alike).collect();
         for (number, faults) in groups.iter().take(SHOWN).enumerate() {
-            write!(f, "{}{}", if number == 0 { "" } else { "\n" }, faults[0])?;
+            let sentence = faults[0].to_string();
+            let end = sentence.char_indices().nth(LONGEST_SENTENCE).map_or(sentence.len(), |(end, _)| end);
+            let dots = if end < sentence.len() { "…" } else { "" };
+            write!(f, "{}{}{dots}", if number == 0 { "" } else { "\n" }, &sentence[..end])?;
             if faults.len() > 1 {
                 write!(f, " (and so in {} more lines)", faults.len() - 1)?;
             }
         }
-        if groups.len() > SHOWN {
-            write!(f, "\n… and {} more", groups.len() - SHOWN)?;
+        let more = groups.len().saturating_sub(SHOWN) + self.more;
+        if more > 0 {
+            write!(f, "\n… and {more} more")?;
         }
         Ok(())
     }
@@ -119,10 +152,10 @@ impl std::error::Error for Faults {}
 /// # Errors
 /// Everything that is wrong in it, with file, line and card.
 pub fn read(path: &Path) -> Result<FeInput, Faults> {
-    let mut faults = Vec::new();
+    let mut faults = Faults::default();
     let cards = card::read(path, &mut faults);
     if cards.is_empty() && faults.is_empty() {
         faults.push(Fault::of_file(path, "the FE input file is empty"));
     }
-    keywords::read(path, &cards, faults).map_err(Faults)
+    keywords::read(path, &cards, faults)
 }

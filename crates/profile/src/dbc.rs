@@ -7,7 +7,14 @@ use can_dbc::{
 
 use crate::Unit;
 use crate::error::allowed;
+use isotherm_core::border::beyond;
 use isotherm_core::codec::{BitField, BitKind, ByteOrder, CanId, CanMatch, Field, Selector};
+
+/// What the parser did not think of.
+fn failed() -> Wrong {
+    let message = "this is not a readable DBC file: its parser failed on it".to_owned();
+    Wrong { at: None, message, help: "open and save it with an editor for DBC files".to_owned() }
+}
 
 /// Multiplexers behind each other, at most.
 const DEEPEST: usize = 8;
@@ -58,7 +65,7 @@ impl DbcFile {
                 help: expected(&why),
             }
         };
-        let dbc = Dbc::try_from(text.as_str()).map_err(unreadable)?;
+        let dbc = beyond(|| Dbc::try_from(text.as_str())).map_err(|_| failed())?.map_err(unreadable)?;
         Ok(DbcFile { dbc, text })
     }
 

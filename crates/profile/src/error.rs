@@ -4,6 +4,8 @@ use std::fmt;
 
 use serde::Serialize;
 
+use crate::regular::LONGEST_QUOTE;
+use crate::span::Spans;
 use crate::unseen::{lines, one_line};
 
 /// One thing that is wrong, or worth a warning.
@@ -21,9 +23,91 @@ pub struct ProfileError {
     pub message: String,
     /// What is allowed, the nearest word, or the remedy.
     pub help: Option<String>,
-    /// The line it stands in.
+    /// The line it stands in; of a long one the part around it.
     #[serde(skip)]
     pub excerpt: Option<String>,
+    /// How many characters of that stand before the place.
+    #[serde(skip)]
+    pub caret: usize,
+    /// How many more there are, behind the last one that is listed.
+    #[serde(skip_serializing_if = "is_nought")]
+    pub more: usize,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde wants a reference")]
+fn is_nought(number: &usize) -> bool {
+    *number == 0
+}
+
+/// As many errors are listed; the others are counted.
+const MOST_LISTED: usize = 50;
+/// As many are described while a profile is looked at: the first of them in the order of the lines are listed.
+const MOST_DESCRIBED: usize = 1000;
+/// Words that are named as allowed.
+const MOST_WORDS: usize = 60;
+/// Words among which the one is looked for that was meant.
+const MOST_COMPARED: usize = 1000;
+/// A message, and its remedy, in characters: they quote what a profile says.
+const LONGEST_MESSAGE: usize = 800;
+
+/// Errors, or warnings, as they are found. Whoever writes two million wrong keys reads fifty.
+#[derive(Debug, Default)]
+pub(crate) struct Found {
+    described: Vec<ProfileError>,
+    more: usize,
+}
+
+impl Found {
+    pub(crate) fn push(&mut self, error: ProfileError) {
+        if self.is_full() { self.more += 1 } else { self.described.push(error) }
+    }
+
+    pub(crate) fn append(&mut self, other: Found) {
+        self.more += other.more;
+        other.described.into_iter().for_each(|error| self.push(error));
+    }
+
+    /// Whether there is no need to describe another one: it is enough to count it.
+    pub(crate) fn is_full(&self) -> bool {
+        self.described.len() >= MOST_DESCRIBED
+    }
+
+    /// One more that nobody describes.
+    pub(crate) fn count(&mut self) {
+        self.more += 1;
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.described.len() + self.more
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Those that are listed, in the order of the layers and of their lines.
+    pub(crate) fn listed(mut self, spans: &Spans) -> Vec<ProfileError> {
+        spans.sort(&mut self.described);
+        self.described.dedup();
+        let more = self.more + self.described.len().saturating_sub(MOST_LISTED);
+        self.described.truncate(MOST_LISTED);
+        for error in &mut self.described {
+            cut(&mut error.key, LONGEST_QUOTE);
+            cut(&mut error.message, LONGEST_MESSAGE);
+            error.help.iter_mut().for_each(|help| cut(help, LONGEST_MESSAGE));
+        }
+        if let Some(last) = self.described.last_mut() {
+            last.more = more;
+        }
+        self.described
+    }
+}
+
+fn cut(text: &mut String, longest: usize) {
+    if let Some((end, _)) = text.char_indices().nth(longest) {
+        text.truncate(end);
+        text.push('…');
+    }
 }
 
 /// Everything that is wrong with a profile, in the order of the layers and of their lines.
@@ -46,6 +130,8 @@ impl ProfileError {
             message: message.into(),
             help,
             excerpt: None,
+            caret: 0,
+            more: 0,
         }
     }
 }
@@ -60,14 +146,17 @@ impl fmt::Display for ProfileError {
             write!(f, " {}:", one_line(&self.key))?;
         }
         write!(f, " {}", one_line(&self.message))?;
-        if let (Some(excerpt), Some(column)) = (&self.excerpt, self.column) {
-            let before: String = excerpt.chars().take(column - 1).collect();
+        if let Some(excerpt) = &self.excerpt {
+            let before: String = excerpt.chars().take(self.caret).collect();
             // Tabs stay tabs, so that the caret stands under its character in every terminal.
             let blank: String = lines(&before).chars().map(|c| if c == '\t' { '\t' } else { ' ' }).collect();
             write!(f, "\n    {}\n    {blank}^", lines(excerpt))?;
         }
         if let Some(help) = &self.help {
             write!(f, "\n  help: {}", one_line(help))?;
+        }
+        if self.more > 0 {
+            write!(f, "\n… and {} more", self.more)?;
         }
         Ok(())
     }
@@ -78,8 +167,9 @@ impl fmt::Display for Errors {
         for error in &self.0 {
             writeln!(f, "{error}")?;
         }
-        let plural = if self.0.len() == 1 { "" } else { "s" };
-        write!(f, "{} error{plural} in the profile", self.0.len())
+        let count: usize = self.0.iter().map(|error| 1 + error.more).sum();
+        let plural = if count == 1 { "" } else { "s" };
+        write!(f, "{count} error{plural} in the profile")
     }
 }
 
@@ -88,11 +178,18 @@ impl std::error::Error for Errors {}
 /// "did you mean `step`? allowed: …", from the words that are allowed.
 pub fn allowed<'a>(word: &str, words: impl IntoIterator<Item = &'a str>) -> String {
     let words: Vec<&str> = words.into_iter().collect();
-    let list = if words.is_empty() { "nothing".to_owned() } else { words.join(", ") };
+    let mut list = if words.is_empty() { "nothing".to_owned() } else { shown(&words).join(", ") };
+    if words.len() > MOST_WORDS {
+        list.push_str(&format!(" and {} more", words.len() - MOST_WORDS));
+    }
     match nearest(word, &words) {
         Some(near) => format!("did you mean `{near}`? allowed: {list}"),
         None => format!("allowed: {list}"),
     }
+}
+
+fn shown<'w, 'a>(words: &'w [&'a str]) -> &'w [&'a str] {
+    &words[..words.len().min(MOST_WORDS)]
 }
 
 /// What people write for some of the words.
@@ -117,14 +214,21 @@ pub fn nearest<'a>(word: &str, words: &[&'a str]) -> Option<&'a str> {
     }
     // One slip in a short word, more in a longer one.
     let far = match word.chars().count() {
+        // Nothing has such a name.
+        LONGEST_QUOTE.. => return None,
         // Any other letter is one slip away: that says something only where there is one.
         ..=1 => usize::from(words.len() == 1),
         length => ((length + 1) / 3).max(1),
     };
     let distance = |known: &str| strsim::damerau_levenshtein(&lower, &known.to_lowercase());
+    // Of thousands of names those are looked at that begin alike, and none that differ by their length alone.
+    let begins_alike =
+        |known: &str| words.len() <= MOST_COMPARED || known.chars().next() == word.chars().next();
     words
         .iter()
         .copied()
+        .filter(|known| known.len().abs_diff(word.len()) <= 4 * far && begins_alike(known))
+        .take(MOST_COMPARED)
         .map(|known| (distance(known), known))
         .filter(|(d, _)| *d <= far)
         .min()

@@ -30,7 +30,7 @@ impl Files<'_> {
         if !is_there {
             return Ok(None);
         }
-        let text = String::from_utf8(self.read(name)?);
+        let text = String::from_utf8(self.bytes(name, regular::LARGEST_PROFILE)?);
         text.map(Some).map_err(|_| format!("{} is no text in UTF-8", self.path(name)))
     }
 
@@ -69,10 +69,14 @@ impl Files<'_> {
     /// # Errors
     /// A sentence: not there, not readable, too large.
     pub(crate) fn read(&self, name: &str) -> Result<Vec<u8>, String> {
+        self.bytes(name, regular::LARGEST)
+    }
+
+    fn bytes(&self, name: &str, largest: u64) -> Result<Vec<u8>, String> {
         match self {
             Files::Beside(directory) => {
                 let path = directory.join(name);
-                regular::read(&path, regular::LARGEST).map_err(|why| {
+                regular::read(&path, largest).map_err(|why| {
                     format!(
                         "{} cannot be read: {}",
                         path.display(),

@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 use toml::Spanned;
 use toml::de::DeValue;
 
-use crate::error::{Errors, ProfileError, allowed};
+use crate::error::{Errors, Found, ProfileError, allowed};
 use crate::files::Files;
 use crate::overridden::{Above, loosened};
 use crate::regular::{self, without_numbers};
@@ -45,16 +45,20 @@ pub fn load(
     environment: &[(String, String)],
 ) -> Result<Loaded, Errors> {
     let name = path.display().to_string();
-    let text = regular::read_text(path).map_err(|why| Errors(vec![unreadable(&name, &why)]))?;
+    let text = profile_text(path).map_err(|why| Errors(vec![unreadable(&name, &why)]))?;
     let mut files = vec![(path.to_owned(), text)];
     let local = local_beside(path);
-    match regular::read_text(&local) {
+    match profile_text(&local) {
         Ok(text) => files.push((local, text)),
         Err(why) if why.kind() == std::io::ErrorKind::NotFound => {}
         Err(why) => return Err(Errors(vec![unreadable(&local.display().to_string(), &why)])),
     }
     let beside = Files::Beside(path.parent().unwrap_or(Path::new("")));
     layered(&files, &beside, settings, environment)
+}
+
+fn profile_text(path: &Path) -> std::io::Result<String> {
+    regular::read_text_of(path, regular::LARGEST_PROFILE)
 }
 
 /// Reads a profile from a text that is already here, as one that is part of the program. It cannot name files.
@@ -145,7 +149,7 @@ fn layered(
     let mut loader = Loader {
         schema: &schema,
         spans: Spans::default(),
-        errors: Vec::new(),
+        errors: Found::default(),
         layers: Vec::new(),
         files: 0,
         broken: false,
@@ -178,7 +182,7 @@ fn layered(
 struct Loader<'a> {
     schema: &'a Value,
     spans: Spans,
-    errors: Vec<ProfileError>,
+    errors: Found,
     /// The first is the profile, unless that is broken.
     layers: Vec<Value>,
     /// So many of them are files.
@@ -208,7 +212,7 @@ impl Loader<'_> {
     /// Puts a layer over those that are there.
     fn layer(&mut self, layer: Value) {
         if let Some(profile) = self.layers.first().filter(|_| !self.broken) {
-            self.errors.extend(loosened(profile, &layer, &self.spans));
+            loosened(profile, &layer, &self.spans).into_iter().for_each(|error| self.errors.push(error));
         }
         self.layers.push(layer);
     }
@@ -256,30 +260,27 @@ impl Loader<'_> {
                 Err(why) => self.errors.push(ProfileError::about("the layers", why.to_string(), None)),
             }
         }
-        let (profile, mut warnings) = match checked {
-            Some(mut checked) => {
-                self.errors.append(&mut checked.errors);
+        let (profile, warnings) = match checked {
+            Some(checked) => {
+                self.errors.append(checked.errors);
                 (checked.profile, checked.warnings)
             }
-            None => (None, Vec::new()),
+            None => (None, Found::default()),
         };
         if let Some(mut profile) = profile.filter(|_| self.errors.is_empty()) {
             profile.overridden = overridden;
-            self.spans.sort(&mut warnings);
-            return Ok(Loaded { profile, warnings });
+            return Ok(Loaded { profile, warnings: warnings.listed(&self.spans) });
         }
         if self.errors.is_empty() {
             let message = "the profile cannot be resolved, and no key can be blamed for it";
             self.errors.push(ProfileError::about("the layers", message, None));
         }
-        self.spans.sort(&mut self.errors);
-        self.errors.dedup();
-        Err(Errors(self.errors))
+        Err(Errors(self.errors.listed(&self.spans)))
     }
 }
 
 /// The layers in one.
-fn merge_all(layers: &[Value], errors: &mut Vec<ProfileError>) -> Value {
+fn merge_all(layers: &[Value], errors: &mut Found) -> Value {
     merge::merged(layers).unwrap_or_else(|why| {
         errors.push(ProfileError::about("the layers", why.to_string(), None));
         Value::Null

@@ -1,6 +1,7 @@
 //! Files that a person names, opened so that whatever lies there holds nobody up: a pipe without a writer, a device
 //! without an end, a directory.
 
+use std::borrow::Cow;
 use std::fs::{File, FileType, Metadata, OpenOptions};
 use std::io::{self, BufRead, BufReader, Chain, Cursor, ErrorKind, Read};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
@@ -8,8 +9,12 @@ use std::path::Path;
 
 use rustix::fs::OFlags;
 
-/// A profile, or a file that it names, is no larger than this, in bytes.
-pub const LARGEST: u64 = 64 * 1024 * 1024;
+/// A file that a profile names is no larger than this, in bytes: a network, a matrix, a DBC file.
+pub const LARGEST: u64 = 16 * 1024 * 1024;
+
+/// A profile, or a template, is no larger than this, in bytes: thirty thousand signals. Each of its keys takes fifty times
+/// its length while it is checked.
+pub const LARGEST_PROFILE: u64 = 4 * 1024 * 1024;
 
 /// Opens a regular file for reading. Links are followed.
 ///
@@ -43,7 +48,15 @@ pub fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
 /// # Errors
 /// As [`read`]; or it is no such text.
 pub fn read_text(path: &Path) -> io::Result<String> {
-    String::from_utf8(read(path, LARGEST)?)
+    read_text_of(path, LARGEST)
+}
+
+/// The same of at most `largest` bytes.
+///
+/// # Errors
+/// As [`read_text`].
+pub fn read_text_of(path: &Path, largest: u64) -> io::Result<String> {
+    String::from_utf8(read(path, largest)?)
         .map_err(|_| io::Error::new(ErrorKind::InvalidData, "it is no text in UTF-8"))
 }
 
@@ -60,24 +73,49 @@ pub fn without_numbers(sentence: &str) -> String {
     left
 }
 
+/// A row of a log is no longer than this, in bytes: a hundred thousand numbers. A file without line ends (a sparse one, a
+/// picture, a quotation mark that nobody closed) is refused there, and not when all of it has been read.
+pub const LONGEST_ROW: usize = 1_000_000;
+
+/// What is quoted from a file is cut after so many characters.
+pub const LONGEST_QUOTE: usize = 200;
+
+/// A text as it may be quoted: what is longer than [`LONGEST_QUOTE`] is cut, and says so.
+#[must_use]
+pub fn quoted(text: &str) -> Cow<'_, str> {
+    match text.char_indices().nth(LONGEST_QUOTE) {
+        Some((end, _)) => Cow::Owned(format!("{}…", &text[..end])),
+        None => Cow::Borrowed(text),
+    }
+}
+
 /// The first line, and all of it, with every line ended by a line feed alone. Of a line without an end its beginning.
 ///
 /// # Errors
 /// As reading it.
 pub fn first_line<R: Read>(input: R) -> io::Result<(String, Lines<R>)> {
-    const LONGEST: u64 = 1024 * 1024;
-    let (mut reader, mut first) = (BufReader::new(input), Vec::new());
-    reader.by_ref().take(LONGEST).read_until(b'\n', &mut first)?;
+    const BUFFER: usize = 1 << 18;
+    let (mut reader, mut first) = (BufReader::with_capacity(BUFFER, input), Vec::new());
+    reader.by_ref().take(LONGEST_ROW as u64).read_until(b'\n', &mut first)?;
     let text = String::from_utf8_lossy(&first).into_owned();
-    Ok((text, Lines { input: Cursor::new(first).chain(reader), last: b'\n' }))
+    Ok((text, Lines { input: Cursor::new(first).chain(reader), last: b'\n', open: 0 }))
 }
 
-/// Ends every line with a line feed, as nothing else counts lines alike.
+/// Ends every line with a line feed, as nothing else counts lines alike; refuses a row that has no end.
 #[derive(Debug)]
 pub struct Lines<R> {
     input: Chain<Cursor<Vec<u8>>, BufReader<R>>,
     /// The last byte that was taken.
     last: u8,
+    /// The bytes that were taken since a row was over.
+    open: usize,
+}
+
+impl<R: Read> Lines<R> {
+    /// Whoever reads these has come to the end of a row.
+    pub fn row_is_over(&mut self) {
+        self.open = 0;
+    }
 }
 
 impl<R: Read> Read for Lines<R> {
@@ -93,14 +131,29 @@ impl<R: Read> Read for Lines<R> {
                 return Ok(1);
             }
             let taken = found.len().min(out.len());
-            for byte in &found[..taken] {
-                if (self.last, *byte) != (b'\r', b'\n') {
-                    out[filled] = if *byte == b'\r' { b'\n' } else { *byte };
-                    filled += 1;
+            let found = &found[..taken];
+            if self.last != b'\r' && !found.contains(&b'\r') {
+                out[..taken].copy_from_slice(found);
+                (filled, self.last) = (taken, found[taken - 1]);
+            } else {
+                for byte in found {
+                    if (self.last, *byte) != (b'\r', b'\n') {
+                        out[filled] = if *byte == b'\r' { b'\n' } else { *byte };
+                        filled += 1;
+                    }
+                    self.last = *byte;
                 }
-                self.last = *byte;
             }
             self.input.consume(taken);
+        }
+        // Empty lines are no rows, and nobody says that one is over.
+        self.open += out[..filled].iter().filter(|byte| **byte != b'\n').count();
+        if self.open > LONGEST_ROW {
+            let limit = LONGEST_ROW / 1_000_000;
+            let text = format!(
+                "this row is longer than {limit} MB: is it a log, and is a quotation mark (\") in it never closed?"
+            );
+            return Err(io::Error::new(ErrorKind::FileTooLarge, text));
         }
         Ok(filled)
     }
@@ -142,6 +195,36 @@ mod tests {
             let why = read(&path, 1).unwrap_err().to_string();
             assert_eq!(why, format!("it is {what}, no regular file: name a file, or put one there"));
         }
+    }
+
+    #[test]
+    fn a_row_without_an_end_is_refused_and_rows_without_number_are_not() {
+        let endless = std::io::repeat(0);
+        let (first, mut lines) = first_line(endless).unwrap();
+        assert_eq!(first.len(), LONGEST_ROW);
+        let why = io::copy(&mut lines, &mut io::sink()).unwrap_err();
+        assert_eq!(why.kind(), ErrorKind::FileTooLarge);
+        assert!(why.to_string().contains("longer than 1 MB"), "{why}");
+        let empty = "\n".repeat(3 * LONGEST_ROW);
+        let (_, mut lines) = first_line(empty.as_bytes()).unwrap();
+        assert_eq!(io::copy(&mut lines, &mut io::sink()).unwrap(), 3 * LONGEST_ROW as u64);
+        let rows = "a,b\r\n".repeat(LONGEST_ROW);
+        let (_, mut lines) = first_line(rows.as_bytes()).unwrap();
+        let (mut part, mut all) = ([0; 4096], 0);
+        while let Ok(count @ 1..) = lines.read(&mut part) {
+            assert!(!part[..count].contains(&b'\r'));
+            all += count;
+            lines.row_is_over();
+        }
+        assert_eq!(all, 4 * LONGEST_ROW);
+    }
+
+    #[test]
+    fn what_is_quoted_is_cut_between_two_characters() {
+        assert_eq!(quoted("short"), "short");
+        let long = "µ".repeat(LONGEST_QUOTE + 1);
+        assert_eq!(quoted(&long), format!("{}…", "µ".repeat(LONGEST_QUOTE)));
+        assert_eq!(quoted(&long[2..]), &long[2..]);
     }
 
     #[test]

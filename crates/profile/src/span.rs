@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crate::error::ProfileError;
+use crate::regular::LONGEST_QUOTE;
 
 /// One layer: a file with its text, a variable or a flag.
 #[derive(Clone, Debug)]
@@ -15,16 +16,34 @@ struct Layer {
 }
 
 impl Layer {
-    /// Line and column of a byte, counted from 1, and the line itself.
-    fn locate(&self, byte: usize) -> Option<(usize, usize, &str)> {
+    /// Line and column of a byte, counted from 1, and the line with how many of its characters are shown before the column.
+    fn locate(&self, byte: usize) -> Option<(usize, usize, (String, usize))> {
         let (text, lines) = self.text.as_ref()?;
         let byte = if text.is_char_boundary(byte) { byte } else { text.len() };
         let line = lines.partition_point(|start| *start <= byte);
         let start = lines[line - 1];
         let end = lines.get(line).map_or(text.len(), |next| next - 1);
-        let shown = text[start..end.max(start)].trim_end_matches('\r');
-        Some((line, text[start..byte].chars().count() + 1, shown))
+        let whole = text[start..end.max(start)].trim_end_matches('\r');
+        Some((line, text[start..byte].chars().count() + 1, around(whole, byte - start)))
     }
+}
+
+/// A line as it is shown, and how many characters of that stand before the byte: of a long line the part around it.
+pub(crate) fn around(line: &str, byte: usize) -> (String, usize) {
+    const BEFORE: usize = LONGEST_QUOTE * 3 / 4;
+    let byte = if line.is_char_boundary(byte) { byte } else { line.len() };
+    let (before, behind) = line.split_at(byte);
+    let nearest = before.char_indices().rev().nth(BEFORE - 1).filter(|(from, _)| *from > 0);
+    let (mut shown, mut caret) = match nearest {
+        Some((from, _)) => (format!("…{}", &before[from..]), BEFORE + 1),
+        None => (before.to_owned(), before.chars().count()),
+    };
+    caret = caret.min(LONGEST_QUOTE);
+    match behind.char_indices().nth(LONGEST_QUOTE - caret) {
+        Some((end, _)) => shown.extend([&behind[..end], "…"]),
+        None => shown.push_str(behind),
+    }
+    (shown, caret)
 }
 
 /// Where one key stands.
@@ -148,19 +167,26 @@ impl Spans {
         help: Option<String>,
     ) -> ProfileError {
         let layer = self.layers.get(layer);
-        let located = layer.and_then(|layer| layer.locate(byte));
+        let (place, excerpt) = layer
+            .and_then(|layer| layer.locate(byte))
+            .map(|(line, column, excerpt)| ((line, column), excerpt))
+            .unzip();
+        let (line, column) = place.unzip();
+        let (excerpt, caret) = excerpt.unzip();
         let help = match (self.notes.get(path), help) {
             (Some(note), Some(help)) => Some(format!("{note}; {help}")),
             (note, help) => help.or(note.cloned()),
         };
         ProfileError {
             file: layer.map(|layer| layer.name.clone()).unwrap_or_default(),
-            line: located.map(|(line, ..)| line),
-            column: located.map(|(_, column, _)| column),
+            line,
+            column,
             key: path.to_owned(),
             message: message.into(),
             help,
-            excerpt: located.map(|(.., line)| line.to_owned()),
+            excerpt,
+            caret: caret.unwrap_or_default(),
+            more: 0,
         }
     }
 

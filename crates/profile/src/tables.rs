@@ -14,8 +14,8 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use crate::Profile;
-use crate::duration::Timespan;
-use crate::error::{ProfileError, allowed};
+use crate::duration::{Timespan, shown};
+use crate::error::{Found, ProfileError, allowed};
 use crate::files::Files;
 use crate::span::{Spans, child, element};
 use crate::template::Templates;
@@ -100,11 +100,15 @@ pub(crate) struct RawProfile {
     history: Option<RawHistory>,
 }
 
+/// The shortest period at which a profile may have something read, written or decided. At a microsecond a line would be
+/// asked 66,000 times a second, and its computer have no time for anything else.
+const SHORTEST_PERIOD: Duration = Duration::from_millis(1);
+
 /// What the check found.
 pub(crate) struct Checked {
     pub(crate) profile: Option<Profile>,
-    pub(crate) errors: Vec<ProfileError>,
-    pub(crate) warnings: Vec<ProfileError>,
+    pub(crate) errors: Found,
+    pub(crate) warnings: Found,
 }
 
 /// All tables of one kind: their names in the order of the file, and what has become of them so far.
@@ -130,8 +134,8 @@ pub(crate) struct Check<'a> {
     axes: Tables<Axis>,
     outputs: Tables<Output>,
     sets: Tables<OutputSet>,
-    errors: RefCell<Vec<ProfileError>>,
-    warnings: RefCell<Vec<ProfileError>>,
+    errors: RefCell<Found>,
+    warnings: RefCell<Found>,
     /// The signals that something uses.
     used: RefCell<Vec<bool>>,
     /// What outputs write in CAN frames.
@@ -344,11 +348,27 @@ impl<'c> At<'c> {
 
     /// Its value is wrong.
     fn wrong(&self, message: impl Into<String>, help: impl Into<String>) {
+        if self.is_enough() {
+            return;
+        }
         self.error(self.check.spans.at_value(&self.path, message, Some(help.into())));
+    }
+
+    /// Whether so many errors were described that this one is only counted.
+    fn is_enough(&self) -> bool {
+        let mut errors = self.check.errors.borrow_mut();
+        let is_full = errors.is_full();
+        if is_full {
+            errors.count();
+        }
+        is_full
     }
 
     /// That it is there is wrong.
     fn wrong_key(&self, message: impl Into<String>, help: impl Into<String>) {
+        if self.is_enough() {
+            return;
+        }
         self.error(self.check.spans.at_key(&self.path, message, Some(help.into())));
     }
 
@@ -398,6 +418,9 @@ impl<'c> At<'c> {
         let found = tables.place(name);
         // One that is there but wrong has been reported itself.
         if found.is_none() && !self.check.spans.contains(&child(tables.kind, name)) {
+            if self.is_enough() {
+                return None;
+            }
             let help = allowed(name, tables.names.iter().map(String::as_str));
             self.wrong(format!("there is no {} named `{name}`", tables.kind), help);
         }
@@ -434,6 +457,18 @@ impl<'c> At<'c> {
         let Timespan(span) = raw?;
         if span.is_zero() {
             self.wrong("a duration of zero makes no sense here", "write a longer one, as \"1s\"");
+            return None;
+        }
+        Some(span)
+    }
+
+    /// How often something is read or written: a faster one would take the line, and the computer, for itself.
+    fn period(&self, raw: Option<Timespan>) -> Option<Duration> {
+        let span = self.duration(raw)?;
+        if span < SHORTEST_PERIOD {
+            let (short, shortest) = (shown(span), shown(SHORTEST_PERIOD));
+            let message = format!("every {short} is too often: {shortest} is the shortest period");
+            self.wrong(message, "no device answers so fast; write \"10ms\" or longer");
             return None;
         }
         Some(span)

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value};
 
 use crate::document::Section;
-use crate::error::ProfileError;
+use crate::error::Found;
 use crate::files::Files;
 use crate::span::{Spans, child};
 
@@ -95,7 +95,7 @@ pub(crate) fn fill(
     profile: &mut Value,
     files: &Files<'_>,
     spans: &mut Spans,
-    errors: &mut Vec<ProfileError>,
+    errors: &mut Found,
 ) -> Templates {
     let Some(profile) = profile.as_object_mut() else { return Templates::new() };
     fill::Filling::new(profile, files, spans, errors).run()

@@ -6,16 +6,19 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::duration::Timespan;
-use crate::error::{ProfileError, allowed};
+use crate::error::{Found, allowed};
 use crate::span::{Spans, child, element};
 use crate::unseen::is_unseen;
+
+/// A list of a profile has no more entries: every term of a model is computed in every step.
+const MOST_ITEMS: usize = 10_000;
 
 /// Walks one layer.
 pub(crate) struct Walk<'a> {
     pub(crate) schema: &'a Value,
     pub(crate) layer: usize,
     pub(crate) spans: &'a mut Spans,
-    pub(crate) errors: &'a mut Vec<ProfileError>,
+    pub(crate) errors: &'a mut Found,
 }
 
 /// The schema behind a `$ref`.
@@ -39,6 +42,10 @@ impl Walk<'_> {
     pub(crate) fn parsed<'t>(&mut self, text: &'t str) -> (DeTable<'t>, bool) {
         let (table, problems) = DeTable::parse_recoverable(text);
         for problem in &problems {
+            if self.errors.is_full() {
+                self.errors.count();
+                continue;
+            }
             let at = problem.span().map_or(0, |span| span.start);
             self.error(at, "", problem.message(), decimal_comma(text, at));
         }
@@ -55,9 +62,14 @@ impl Walk<'_> {
         let mut right = Map::new();
         for (key, value) in entries {
             let name: &str = key.get_ref();
+            let inner = known.and_then(|known| known.get(name)).or(free);
+            if inner.is_none() && self.errors.is_full() {
+                self.errors.count();
+                continue;
+            }
             let path = child(path, name);
             self.spans.record(self.layer, &path, key.span(), value.span());
-            let Some(inner) = known.and_then(|known| known.get(name)).or(free) else {
+            let Some(inner) = inner else {
                 let words = known.into_iter().flat_map(Map::keys).map(String::as_str);
                 self.error(
                     key.span().start,
@@ -148,6 +160,15 @@ impl Walk<'_> {
         items: &[Spanned<DeValue<'_>>],
     ) -> Option<Value> {
         self.spans.forget_inside(path);
+        if items.len() > MOST_ITEMS {
+            self.error(
+                at,
+                path,
+                format!("{} entries: at most {MOST_ITEMS} are allowed here", items.len()),
+                None,
+            );
+            return None;
+        }
         let item_schema = schema.get("items").unwrap_or(&Value::Null);
         let mut right = Vec::new();
         for (index, item) in items.iter().enumerate() {
@@ -218,6 +239,9 @@ impl Walk<'_> {
     }
 
     fn error(&mut self, at: usize, path: &str, message: impl Into<String>, help: Option<String>) {
+        if self.errors.is_full() {
+            return self.errors.count();
+        }
         self.errors.push(self.spans.at_byte(self.layer, at, path, message, help));
     }
 }

@@ -195,6 +195,7 @@ impl<R: Read> LogReader<R> {
 
     fn read_record(&mut self) -> Result<bool, LogError> {
         loop {
+            self.csv.get_mut().row_is_over();
             let read = self.csv.read_record(&mut self.record);
             let read = read.map_err(|cause| unreadable(&self.file, self.csv.position().line(), &cause))?;
             // Spreadsheets end with thousands of empty rows.

@@ -9,6 +9,11 @@ const DECIDED: [&str; 9] =
 const MACHINE: [&str; 3] = ["machine_memory", "machine_zero", DRY_RUN];
 const DRY_RUN: &str = "machine_dry_run";
 
+/// Whether the texts of a column, and not only its numbers, tell what acted.
+pub(super) fn tells_by_words(column: &str) -> bool {
+    column.ends_with("_permit")
+}
+
 /// Leaves of the gateway's decisions what acted: `<axis>_cz_um`, and `<axis>_slope_um` where the control is given the
 /// slope, each as it stood in the registers when the row was read. The table notes their names. Returns the columns of
 /// axes of which nobody knows what acted.
@@ -53,7 +58,7 @@ fn acted(table: &Table, axis: &str) -> Vec<f64> {
         *cz = *from;
     }
     if let Some(Cells::Text(permits)) = table.cells(&format!("{axis}_permit")) {
-        for (cz, _) in acted.iter_mut().zip(permits).filter(|(_, permit)| permit.trim() == "unverified") {
+        for (cz, _) in acted.iter_mut().zip(permits.iter()).filter(|(_, permit)| *permit == "unverified") {
             *cz = f64::NAN;
         }
     }

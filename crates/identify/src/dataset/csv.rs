@@ -2,26 +2,23 @@
 
 use std::path::Path;
 
-use jiff::tz::TimeZone;
-
-use super::table::{Reader, Table};
-use super::{BadLog, files};
+use super::table::{Reader, Table, TooMuch};
+use super::{BadLog, Split, files};
 use isotherm_core::quantity::Dialect;
-use isotherm_profile::regular;
+use isotherm_profile::regular::{self, quoted};
+
+/// A log with more is no log of a machine.
+pub(super) const MOST_COLUMNS: usize = 10_000;
 
 /// Reads a file; the messages name its lines.
-pub(super) fn read(file: &Path, zone: Option<TimeZone>) -> Result<Table, BadLog> {
-    from_text(file, files::open(file)?, zone)
+pub(super) fn read(file: &Path, split: &Split) -> Result<Table, BadLog> {
+    from_text(file, files::open(file)?, split)
 }
 
 /// The same from anything that is read.
-pub(super) fn from_text(
-    file: &Path,
-    input: impl std::io::Read,
-    zone: Option<TimeZone>,
-) -> Result<Table, BadLog> {
+pub(super) fn from_text(file: &Path, input: impl std::io::Read, split: &Split) -> Result<Table, BadLog> {
     let (first, input) = regular::first_line(input).map_err(|why| files::cannot_be_read(file, &why))?;
-    let dialect = Dialect::of(&first, zone);
+    let dialect = Dialect::of(&first, split.zone.clone());
     let header_is_wrong = |why: String| BadLog(vec![format!("{}, line 1: {why}", file.display())]);
     let mut reader =
         csv::ReaderBuilder::new().flexible(true).delimiter(dialect.separator()).from_reader(input);
@@ -29,32 +26,50 @@ pub(super) fn from_text(
     let names: Vec<String> =
         header.iter().map(|name| name.trim().trim_start_matches('\u{feff}').to_owned()).collect();
     check_header(&names).map_err(header_is_wrong)?;
+    reader.get_mut().row_is_over();
     let width = names.len();
     let no_time = format!(
         "there is no column time (seconds or 2026-01-31T12:00:00Z), time_s or time_min; there are {}",
         names.join(", ")
     );
-    let mut rows = Reader::new(file, names, ("line", dialect)).ok_or_else(|| header_is_wrong(no_time))?;
+    let by = split.column.as_deref();
+    let mut rows = Reader::new(file, names, ("line", dialect), by).ok_or_else(|| header_is_wrong(no_time))?;
+    let read: Vec<usize> = (0..width).filter(|place| rows.reads(*place)).collect();
     // One message for all of them: a decimal comma is in every line.
     let mut uneven: Option<(u64, usize, u64)> = None;
     let mut record = csv::StringRecord::new();
     loop {
         match reader.read_record(&mut record) {
             Ok(false) => break,
-            Err(why) => rows.refuse(why.position().map_or(0, csv::Position::line), None, message(&why)),
+            Err(why) => {
+                let line = why.position().map_or_else(|| reader.position().line(), csv::Position::line);
+                rows.refuse(line, None, message(&why));
+                if why.is_io_error() {
+                    break;
+                }
+            }
             Ok(true) => {
                 // A record says where the one before ended, empty lines or not.
-                let inside = record.iter().flat_map(str::bytes).filter(|byte| *byte == b'\n').count();
+                let inside = record.as_slice().bytes().filter(|byte| *byte == b'\n').count();
                 let line = reader.position().line().saturating_sub(1 + inside as u64);
                 if record.iter().all(|cell| cell.trim().is_empty()) {
                     // Spreadsheets end with thousands of these.
                 } else if record.len() == width {
-                    rows.add(line, record.iter().map(str::to_owned).collect());
+                    match rows.begin(line, &record[rows.time_at()]) {
+                        Ok(true) => read.iter().for_each(|place| {
+                            if rows.reads(*place) {
+                                rows.text(*place, line, &record[*place]);
+                            }
+                        }),
+                        Ok(false) => {}
+                        Err(TooMuch) => break,
+                    }
                 } else {
                     uneven.get_or_insert((line, record.len(), 0)).2 += 1;
                 }
             }
         }
+        reader.get_mut().row_is_over();
     }
     if let Some((line, cells, lines)) = uneven {
         let hint = match cells > width {
@@ -71,9 +86,12 @@ fn check_header(names: &[String]) -> Result<(), String> {
     if names.iter().all(String::is_empty) {
         return Err("the log is empty; its first line names the columns".to_owned());
     }
+    if names.len() > MOST_COLUMNS {
+        return Err(format!("{} columns: at most {MOST_COLUMNS} are read", names.len()));
+    }
     let mut seen = std::collections::HashSet::new();
     match names.iter().find(|name| !name.is_empty() && !seen.insert(name.as_str())) {
-        Some(twice) => Err(format!("the column {twice} is there twice; rename one")),
+        Some(twice) => Err(format!("the column {} is there twice; rename one", quoted(twice))),
         None => Ok(()),
     }
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use isotherm_core::quantity::{Moment, time};
 use jiff::tz::TimeZone;
 
-use super::{BadLog, Column, Dataset, Kind, Run, read_table};
+use super::{BadLog, Column, Dataset, Kind, Run, Split, read_table};
 
 /// As [`Dataset::add_gauge`].
 pub(super) fn add(
@@ -20,7 +20,7 @@ pub(super) fn add(
         let why = "already: leave --gauge out, or name another column with --error";
         return Err(refused(format!("the logs have a column {error} {why}")));
     }
-    let gauge = read_table(file, zone)?;
+    let gauge = read_table(file, &Split { zone, ..Split::default() })?;
     let columns: Vec<&str> = gauge.names_of_numbers().collect();
     let [column] = columns.as_slice() else {
         let there = if columns.is_empty() { "none of numbers".to_owned() } else { columns.join(", ") };
@@ -37,7 +37,7 @@ pub(super) fn add(
     let mut added: Vec<Vec<f64>> = dataset.runs.iter().map(|run| vec![f64::NAN; run.times.len()]).collect();
     let (mut read, mut far) = (0, Vec::new());
     let values = gauge.numbers(column).unwrap_or_default();
-    for ((at, line), value) in gauge.times.iter().zip(&gauge.lines).zip(values) {
+    for (place, (at, value)) in gauge.times.iter().zip(values).enumerate() {
         if !value.is_finite() {
             continue;
         }
@@ -45,7 +45,7 @@ pub(super) fn add(
         match nearest_row(&dataset.runs, *at, within) {
             // Of two readings at one row the later stays.
             Some((run, row)) => added[run][row] = value * per_unit,
-            None => far.push(*line),
+            None => far.push(gauge.lines.of(place)),
         }
     }
     let shown = humantime::format_duration(within);

@@ -1,36 +1,293 @@
 //! A log as Parquet: the same columns as in CSV, times as seconds, as text or as time stamps.
+//!
+//! ```text
+//! metadata: rows × columns, pages ── within the limits? ── column by column into the table
+//! ```
+//! A file of some kilobytes may say that it holds gigabytes: what it says is looked at before anything is unpacked. Its
+//! reader is not ours, and may panic.
 
+use std::fs::File;
 use std::path::Path;
 
+use parquet::basic::Type;
+use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
+use parquet::data_type::DataType;
+use parquet::errors::ParquetError;
+use parquet::file::metadata::RowGroupMetaData;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
+use parquet::schema::types::ColumnDescPtr;
 
-use jiff::tz::TimeZone;
-
-use super::table::{Reader, Table};
-use super::{BadLog, files};
+use super::csv::MOST_COLUMNS;
+use super::table::{Reader, Table, TooMuch};
+use super::{BadLog, Split, files};
+use isotherm_core::border::beyond;
 use isotherm_core::quantity::Dialect;
 
+mod pages;
+mod thrift;
+
+/// Numbers take at most so many times the file, in memory …
+const PER_BYTE: u64 = 10;
+/// … and so many bytes beyond that, however small it is.
+const AT_LEAST: u64 = 96_000_000;
+/// Values that are unpacked at a time.
+const BATCH: usize = 8192;
+
 /// Reads a file; the messages name its rows, counted from one.
-pub(super) fn read(file: &Path, zone: Option<TimeZone>) -> Result<Table, BadLog> {
+pub(super) fn read(file: &Path, split: &Split) -> Result<Table, BadLog> {
+    let opened = files::open(file)?;
     let refused = |why: String| BadLog(vec![format!("{}: {why}", file.display())]);
-    let reader = SerializedFileReader::new(files::open(file)?)
-        .map_err(|why| refused(format!("it is no Parquet file: {why}")))?;
-    let schema = reader.metadata().file_metadata().schema_descr();
-    let names: Vec<String> = schema.columns().iter().map(|column| column.name().to_owned()).collect();
+    beyond(|| from_file(file, opened, split)).unwrap_or_else(|_| {
+        Err(refused(
+            "it is not a readable Parquet file: its reader failed on it; write it anew, or as CSV".to_owned(),
+        ))
+    })
+}
+
+fn from_file(path: &Path, file: File, split: &Split) -> Result<Table, BadLog> {
+    let refused = |why: String| BadLog(vec![format!("{}: {why}", path.display())]);
+    let length = file.metadata().map_err(|why| files::cannot_be_read(path, &why))?.len();
+    let again = file.try_clone().map_err(|why| files::cannot_be_read(path, &why))?;
+    let reader =
+        SerializedFileReader::new(file).map_err(|why| refused(format!("it is no Parquet file: {why}")))?;
+    let columns = reader.metadata().file_metadata().schema_descr().columns().to_vec();
+    if columns.len() > MOST_COLUMNS {
+        return Err(refused(format!("{} columns: at most {MOST_COLUMNS} are read", columns.len())));
+    }
+    let names: Vec<String> = columns.iter().map(name).collect();
     let no_time = format!("there is no column time, time_s or time_min; there are {}", names.join(", "));
-    let mut table =
-        Reader::new(file, names, ("row", Dialect::of("", zone))).ok_or_else(|| refused(no_time))?;
-    let rows = reader.get_row_iter(None).map_err(|why| refused(why.to_string()))?;
-    for (number, row) in (1..).zip(rows) {
-        // What follows a broken page is broken too.
-        let row = row.map_err(|why| refused(format!("row {number}: {why}")))?;
-        table.add(number, row.get_column_iter().map(|(_, field)| text(field)).collect());
+    let dialect = Dialect::of("", split.zone.clone());
+    let table = Reader::new(path, names, ("row", dialect), split.column.as_deref());
+    let mut table = table.ok_or_else(|| refused(no_time))?;
+    let file = Opened { reader, again, length };
+    file.check_size(&table).map_err(refused)?;
+    // The time tells which rows there are.
+    let time = table.time_at();
+    let others = (0..columns.len()).filter(|place| *place != time);
+    for place in [time].into_iter().chain(others) {
+        if place != time && !table.reads(place) {
+            continue;
+        }
+        let wrong = |why: String| refused(format!("column {}: {why}", columns[place].name()));
+        match file.read(&columns[place], place, &mut table) {
+            Ok(()) => {}
+            Err(Stopped::Told) => break,
+            Err(Stopped::Wrong(why)) => return Err(wrong(why)),
+        }
     }
     table.finish((1, "there are no rows"))
 }
 
-/// A field as CSV would write it; f64 with every digit.
+/// Of a value in a structure the whole way to it, of others their name.
+fn name(column: &ColumnDescPtr) -> String {
+    if is_plain(column) { column.name().to_owned() } else { column.path().string() }
+}
+
+/// One value in each row, or none.
+fn is_plain(column: &ColumnDescPtr) -> bool {
+    column.path().parts().len() == 1 && column.max_rep_level() == 0
+}
+
+/// Why a column is not read on.
+enum Stopped {
+    /// The table knows.
+    Told,
+    Wrong(String),
+}
+
+impl From<ParquetError> for Stopped {
+    fn from(why: ParquetError) -> Stopped {
+        Stopped::Wrong(why.to_string())
+    }
+}
+
+struct Opened {
+    reader: SerializedFileReader<File>,
+    /// The same file, to look at its pages.
+    again: File,
+    length: u64,
+}
+
+impl Opened {
+    fn groups(&self) -> &[RowGroupMetaData] {
+        self.reader.metadata().row_groups()
+    }
+
+    /// Refuses more numbers than such a file may hold.
+    fn check_size(&self, table: &Reader) -> Result<(), String> {
+        let rows = self.groups().iter().try_fold(0u64, |rows, group| {
+            u64::try_from(group.num_rows()).ok().and_then(|more| rows.checked_add(more))
+        });
+        let rows = rows.ok_or("it says that it has a negative number of rows")?;
+        let all = self.reader.metadata().file_metadata().schema_descr().num_columns();
+        let columns = 1 + (0..all).filter(|place| table.reads(*place)).count() as u64;
+        let (needed, limit) =
+            (rows.saturating_mul(8 * columns), AT_LEAST.saturating_add(self.length.saturating_mul(PER_BYTE)));
+        if needed > limit {
+            let million = |bytes: u64| bytes.div_ceil(1_000_000);
+            return Err(format!(
+                "{rows} rows of {columns} columns take {} MB, and of a file of {} MB at most {} MB are read: write fewer rows or \
+                 columns into it, or CSV",
+                million(needed),
+                million(self.length),
+                million(limit)
+            ));
+        }
+        Ok(())
+    }
+
+    /// One column, over all row groups, into the table.
+    fn read(&self, column: &ColumnDescPtr, place: usize, table: &mut Reader) -> Result<(), Stopped> {
+        let is_time = place == table.time_at();
+        if !is_plain(column) {
+            if is_time {
+                return Err(Stopped::Wrong("one value in each row is wanted".to_owned()));
+            }
+            table.is_text(place);
+            return Ok(());
+        }
+        let mut number = 0;
+        for (group, metadata) in self.groups().iter().enumerate() {
+            let chunk = metadata
+                .columns()
+                .get(place)
+                .ok_or_else(|| Stopped::Wrong("a row group lacks it".to_owned()))?;
+            let looked = pages::look(&self.again, self.length, chunk).map_err(Stopped::Wrong)?;
+            if looked.has_deltas_of_texts && column.physical_type() == Type::BYTE_ARRAY {
+                if is_time || table.needs_words(place) {
+                    let why = "its texts are packed as differences, which is not read: write them plain or with a dictionary";
+                    return Err(Stopped::Wrong(why.to_owned()));
+                }
+                table.is_text(place);
+                return Ok(());
+            }
+            let rows = usize::try_from(metadata.num_rows()).unwrap_or(usize::MAX);
+            let group = self.reader.get_row_group(group)?;
+            let cells = Cells { column, rows, is_optional: column.max_def_level() > 0 };
+            cells.read(group.get_column_reader(place)?, &mut |value| {
+                number += 1;
+                take(table, (place, number), value)
+            })?;
+        }
+        Ok(())
+    }
+}
+
+/// Puts a value where it belongs.
+fn take(table: &mut Reader, (place, row): (usize, u64), value: Value<'_>) -> Result<(), Stopped> {
+    if place == table.time_at() {
+        let begun = match value {
+            Value::Number(number) if number.is_nan() => table.begin(row, ""),
+            Value::Number(number) => table.begin(row, &number.to_string()),
+            Value::Text(text) => table.begin(row, text),
+        };
+        return begun.map(drop).map_err(|TooMuch| Stopped::Told);
+    }
+    if !table.reads(place) {
+        return Ok(());
+    }
+    match value {
+        Value::Number(number) if !table.needs_words(place) => table.number(place, number),
+        Value::Number(number) if number.is_nan() => table.text(place, row, ""),
+        Value::Number(number) => table.text(place, row, &number.to_string()),
+        Value::Text(text) => table.text(place, row, text),
+    }
+    Ok(())
+}
+
+/// A cell.
+enum Value<'v> {
+    /// NaN where it is missing.
+    Number(f64),
+    Text(&'v str),
+}
+
+/// The cells of one column in one row group.
+struct Cells<'c> {
+    column: &'c ColumnDescPtr,
+    rows: usize,
+    is_optional: bool,
+}
+
+type Each<'t, V> = &'t mut dyn FnMut(Option<&V>) -> Result<(), Stopped>;
+type Take<'t> = &'t mut dyn FnMut(Value<'_>) -> Result<(), Stopped>;
+
+impl Cells<'_> {
+    fn read(&self, reader: ColumnReader, take: Take<'_>) -> Result<(), Stopped> {
+        let column = self.column;
+        match reader {
+            ColumnReader::DoubleColumnReader(reader) => self.each(reader, &mut |value| match value {
+                None => take(Value::Number(f64::NAN)),
+                Some(value) => take(Value::Number(*value)),
+            }),
+            ColumnReader::FloatColumnReader(reader) => {
+                self.fields(reader, take, |value| Ok(Field::convert_float(column, *value)))
+            }
+            ColumnReader::Int32ColumnReader(reader) => {
+                self.fields(reader, take, |value| Ok(Field::convert_int32(column, *value)))
+            }
+            ColumnReader::Int64ColumnReader(reader) => {
+                self.fields(reader, take, |value| Ok(Field::convert_int64(column, *value)))
+            }
+            ColumnReader::Int96ColumnReader(reader) => {
+                self.fields(reader, take, |value| Ok(Field::convert_int96(column, *value)))
+            }
+            ColumnReader::BoolColumnReader(reader) => {
+                self.fields(reader, take, |value| Ok(Field::convert_bool(column, *value)))
+            }
+            ColumnReader::ByteArrayColumnReader(reader) => {
+                self.fields(reader, take, |value| Field::convert_byte_array(column, value.clone()))
+            }
+            ColumnReader::FixedLenByteArrayColumnReader(reader) => {
+                self.fields(reader, take, |value| Field::convert_byte_array(column, value.clone().into()))
+            }
+        }
+    }
+
+    /// As CSV would write them.
+    fn fields<T: DataType>(
+        &self,
+        reader: ColumnReaderImpl<T>,
+        take: Take<'_>,
+        field: impl Fn(&T::T) -> Result<Field, ParquetError>,
+    ) -> Result<(), Stopped> {
+        self.each(reader, &mut |value| match value {
+            None => take(Value::Number(f64::NAN)),
+            Some(value) => take(Value::Text(&text(&field(value)?))),
+        })
+    }
+
+    fn each<T: DataType>(
+        &self,
+        mut reader: ColumnReaderImpl<T>,
+        take: Each<'_, T::T>,
+    ) -> Result<(), Stopped> {
+        let (mut levels, mut values) = (Vec::new(), Vec::new());
+        let mut left = self.rows;
+        while left > 0 {
+            levels.clear();
+            values.clear();
+            let there = self.is_optional.then_some(&mut levels);
+            let (records, ..) = reader.read_records(left.min(BATCH), there, None, &mut values)?;
+            if records == 0 {
+                return Err(Stopped::Wrong(format!("it ends {left} rows too early")));
+            }
+            left -= records;
+            let mut values = values.iter();
+            if self.is_optional {
+                let of =
+                    |level: &i16| (*level == self.column.max_def_level()).then(|| values.next()).flatten();
+                levels.iter().map(of).try_for_each(&mut *take)?;
+            } else {
+                values.map(Some).try_for_each(&mut *take)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A field as CSV would write it; numbers with every digit.
 fn text(field: &Field) -> String {
     match field {
         Field::Null => String::new(),

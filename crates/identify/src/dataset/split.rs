@@ -1,10 +1,16 @@
 //! From files to runs: one each, or split by a column or a gap.
 
+use std::collections::HashMap;
+use std::ops::Range;
+
 use super::table::{Cells, Table};
 use super::{BadLog, Run, Split};
 
+/// A log that changes more often is not told apart by runs.
+const MOST_RUNS: usize = 10_000;
+
 /// The runs of all tables over the columns `names`.
-pub(super) fn runs(tables: &[Table], names: &[&str], split: &Split) -> Result<Vec<Run>, BadLog> {
+pub(super) fn runs(tables: Vec<Table>, names: &[String], split: &Split) -> Result<Vec<Run>, BadLog> {
     let (mut runs, mut wrong) = (Vec::new(), Vec::new());
     for table in tables {
         match of_table(table, names, split) {
@@ -23,49 +29,112 @@ pub(super) fn runs(tables: &[Table], names: &[&str], split: &Split) -> Result<Ve
     BadLog::unless(wrong, runs)
 }
 
-fn of_table(table: &Table, names: &[&str], split: &Split) -> Result<Vec<Run>, BadLog> {
-    let labels = split.column.as_ref().map(|name| labels(table, name)).transpose()?;
-    let goes_on = |row: &usize, next: &usize| {
-        labels.as_ref().is_none_or(|labels| labels[*row] == labels[*next])
-            && split.gap.is_none_or(|longest| table.times[*next].since(table.times[*row]) <= longest)
-    };
-    let rows: Vec<usize> = (0..table.times.len()).collect();
-    let parts: Vec<&[usize]> = rows.chunk_by(goes_on).collect();
-    let label = |rows: &[usize]| labels.as_ref().map(|labels| labels[rows[0]].as_str());
+fn of_table(mut table: Table, names: &[String], split: &Split) -> Result<Vec<Run>, BadLog> {
+    let labels = split.column.as_ref().map(|name| labels(&table, name)).transpose()?;
+    let parts = parts(&table, labels.as_ref(), split)?;
+    let label = |rows: &Range<usize>| labels.as_ref().map(|labels| labels.of(rows.start));
+    let mut alike: HashMap<Option<String>, usize> = HashMap::new();
+    for rows in &parts {
+        *alike.entry(label(rows)).or_default() += 1;
+    }
     let stem = table.file.file_stem().and_then(|stem| stem.to_str()).unwrap_or("run");
-    let (mut runs, mut wrong) = (Vec::new(), Vec::new());
-    for (number, rows) in (1..).zip(&parts) {
-        let alike = parts.iter().filter(|other| label(other) == label(rows)).count();
-        let name = match label(rows) {
+    let (mut named, mut wrong) = (Vec::new(), Vec::new());
+    for (number, rows) in (1..).zip(parts.iter().cloned()) {
+        let label = label(&rows);
+        let is_alone = alike.get(&label) == Some(&1);
+        let name = match label {
             _ if parts.len() == 1 => stem.to_owned(),
-            Some(label) if alike == 1 => format!("{stem} {label}"),
+            Some(label) if is_alone => format!("{stem} {label}"),
             // One value may come back after another: each stretch is a run of its own.
             Some(label) => format!("{stem} {label} {number}"),
             None => format!("{stem} {number}"),
         };
-        if let Some(back) = rows.windows(2).find(|pair| table.times[pair[1]] < table.times[pair[0]]) {
+        let back = (rows.start + 1..rows.end).find(|row| table.times[*row] < table.times[row - 1]);
+        if let Some(back) = back {
             wrong.push(format!(
                 "{}, line {}: time runs back; sort the rows, give each run its own file, or name the column that tells \
                  runs apart with --run-column",
                 table.file.display(),
-                table.lines[back[1]]
+                table.lines.of(back)
             ));
         }
-        let of = |name: &&str| {
-            let numbers = table.numbers(name);
-            rows.iter().map(|row| numbers.map_or(f64::NAN, |numbers| numbers[*row])).collect()
-        };
-        let times = rows.iter().map(|row| table.times[*row]).collect();
-        runs.push(Run { name, file: table.file.clone(), times, values: names.iter().map(of).collect() });
+        named.push((name, rows));
     }
-    BadLog::unless(wrong, runs)
+    BadLog::unless(wrong, ())?;
+    Ok(named.into_iter().map(|(name, rows)| run(&mut table, names, name, rows)).collect())
+}
+
+/// The rows of each run, one behind the other.
+fn parts(table: &Table, labels: Option<&Labels<'_>>, split: &Split) -> Result<Vec<Range<usize>>, BadLog> {
+    let ends = |row: &usize| {
+        labels.is_some_and(|labels| !labels.are_alike(row - 1, *row))
+            || split.gap.is_some_and(|longest| table.times[*row].since(table.times[row - 1]) > longest)
+    };
+    let rows = table.times.len();
+    let mut parts = Vec::new();
+    let mut first = 0;
+    for end in (1..rows).filter(ends).chain([rows]) {
+        if parts.len() == MOST_RUNS {
+            return Err(BadLog(vec![format!(
+                "{}, line {}: more than {MOST_RUNS} runs: does --run-column, or --gap, tell them apart?",
+                table.file.display(),
+                table.lines.of(first)
+            )]));
+        }
+        parts.push(first..end);
+        first = end;
+    }
+    Ok(parts)
+}
+
+/// One run; that which is the whole table takes its columns over.
+fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) -> Run {
+    if rows.len() == table.times.len() {
+        let mut columns: HashMap<String, Cells> = std::mem::take(&mut table.columns).into_iter().collect();
+        let values = names.iter().map(|name| match columns.remove(name) {
+            Some(Cells::Numbers(numbers)) => numbers,
+            _ => vec![f64::NAN; rows.len()],
+        });
+        let values = values.collect();
+        return Run { name, file: table.file.clone(), times: std::mem::take(&mut table.times), values };
+    }
+    let of = |name: &String| match table.numbers(name) {
+        Some(numbers) => numbers[rows.clone()].to_vec(),
+        None => vec![f64::NAN; rows.len()],
+    };
+    let values = names.iter().map(of).collect();
+    Run { name, file: table.file.clone(), times: table.times[rows.clone()].to_vec(), values }
 }
 
 /// By row: what the column says that runs are told apart by.
-fn labels(table: &Table, name: &str) -> Result<Vec<String>, BadLog> {
+enum Labels<'t> {
+    Words(Vec<&'t str>),
+    Numbers(&'t [f64]),
+}
+
+impl Labels<'_> {
+    fn of(&self, row: usize) -> String {
+        match self {
+            Labels::Words(words) => words[row].to_owned(),
+            Labels::Numbers(numbers) => numbers[row].to_string(),
+        }
+    }
+
+    fn are_alike(&self, row: usize, other: usize) -> bool {
+        match self {
+            Labels::Words(words) => words[row] == words[other],
+            Labels::Numbers(numbers) => {
+                let [one, other] = [numbers[row], numbers[other]];
+                one.to_bits() == other.to_bits() || (one.is_nan() && other.is_nan())
+            }
+        }
+    }
+}
+
+fn labels<'t>(table: &'t Table, name: &str) -> Result<Labels<'t>, BadLog> {
     match table.cells(name) {
-        Some(Cells::Text(texts)) => Ok(texts.iter().map(|text| text.trim().to_owned()).collect()),
-        Some(Cells::Numbers(numbers)) => Ok(numbers.iter().map(f64::to_string).collect()),
+        Some(Cells::Text(texts)) => Ok(Labels::Words(texts.iter().collect())),
+        Some(Cells::Numbers(numbers)) => Ok(Labels::Numbers(numbers)),
         None => {
             let known: Vec<&str> = table.columns.iter().map(|(name, _)| name.as_str()).collect();
             Err(BadLog(vec![format!(

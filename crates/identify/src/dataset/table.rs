@@ -1,10 +1,21 @@
 //! One file: its time and its columns, before it is split into runs.
 
+use std::collections::HashMap;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use super::{BadLog, acted};
 use isotherm_core::quantity::{Dialect, Moment, time};
+use isotherm_profile::regular::quoted;
+
+/// Rows of one file: a row a second for seven months. What lies beyond takes longer than anybody waits for a first word.
+const MOST_ROWS: usize = 20_000_000;
+/// Numbers of one file, 8 bytes each: 1.2 GB.
+const MOST_NUMBERS: usize = 150_000_000;
+/// Different texts of a column by which runs are told apart.
+const MOST_WORDS: usize = 100_000;
+/// Mistakes that are listed; the others are counted.
+const MOST_LISTED: usize = 20;
 
 /// The rows of one file, column by column.
 #[derive(Clone, Debug, Default)]
@@ -12,7 +23,7 @@ pub(super) struct Table {
     pub(super) file: PathBuf,
     pub(super) times: Vec<Moment>,
     /// The line, or row, of the file that each row came from.
-    pub(super) lines: Vec<u64>,
+    pub(super) lines: Numbering,
     pub(super) columns: Vec<(String, Cells)>,
     /// Columns with the Cz that acted.
     pub(super) acted: Vec<String>,
@@ -23,8 +34,64 @@ pub(super) struct Table {
 pub(super) enum Cells {
     /// NaN where one is missing.
     Numbers(Vec<f64>),
-    /// Names, states, products: nothing to compute with, but runs may be told apart by them.
-    Text(Vec<String>),
+    /// Names, states, products: nothing to compute with, but runs may be told apart by them. Kept only where they are.
+    Text(Words),
+}
+
+/// The texts of a column, trimmed, each kept once.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Words {
+    places: Vec<u32>,
+    words: Vec<String>,
+    known: HashMap<String, u32>,
+}
+
+impl Words {
+    /// By row.
+    pub(super) fn iter(&self) -> impl Iterator<Item = &str> {
+        self.places.iter().map(|place| self.words[*place as usize].as_str())
+    }
+
+    /// Whether there was room for it.
+    fn push(&mut self, text: &str) -> bool {
+        let place = match self.known.get(text) {
+            Some(place) => *place,
+            None if self.words.len() == MOST_WORDS => return false,
+            None => {
+                let place = u32::try_from(self.words.len()).unwrap_or(u32::MAX);
+                self.words.push(text.to_owned());
+                self.known.insert(text.to_owned(), place);
+                place
+            }
+        };
+        self.places.push(place);
+        true
+    }
+}
+
+/// The number that each row has in its file: mostly the next one, so that only where it is not is kept.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Numbering {
+    jumps: Vec<(usize, u64)>,
+    rows: usize,
+}
+
+impl Numbering {
+    fn push(&mut self, number: u64) {
+        if self.rows == 0 || self.of(self.rows) != number {
+            self.jumps.push((self.rows, number));
+        }
+        self.rows += 1;
+    }
+
+    /// Of this row, counted from nought.
+    pub(super) fn of(&self, row: usize) -> u64 {
+        let behind = self.jumps.partition_point(|(first, _)| *first <= row);
+        behind.checked_sub(1).map_or(0, |last| {
+            let (first, number) = self.jumps[last];
+            number + (row - first) as u64
+        })
+    }
 }
 
 impl Table {
@@ -48,12 +115,29 @@ impl Table {
 /// Reads a cell of the time, behind the time of the row before.
 type ReadTime = fn(&mut Dialect, &str, Option<Moment>) -> Result<Moment, String>;
 
-/// A table while it is read, row by row, with the mistakes that are found.
+/// A column while it is read.
+#[derive(Debug, Default)]
+struct Column {
+    name: String,
+    numbers: Vec<f64>,
+    /// Its texts, where they may tell something.
+    words: Option<Words>,
+    /// Some cell was a number.
+    has_numbers: bool,
+    /// The first cell that was none, and where it stood.
+    text: Option<(u64, String)>,
+    /// It is not read, or no longer: a mistake in it has been told.
+    is_over: bool,
+}
+
+/// A table while it is read, with the mistakes that are found.
 pub(super) struct Reader {
     table: Table,
-    columns: Vec<(String, Vec<String>)>,
+    columns: Vec<Column>,
     /// The place of the time, and what reads its cells.
     time: (usize, ReadTime),
+    /// How many columns are kept.
+    kept: usize,
     /// What the file calls a row: line, row.
     row: &'static str,
     dialect: Dialect,
@@ -62,11 +146,12 @@ pub(super) struct Reader {
 }
 
 impl Reader {
-    /// `None` where no column is the time.
+    /// `None` where no column is the time. `by`: the column by which runs are told apart.
     pub(super) fn new(
         file: &Path,
         names: Vec<String>,
         (row, dialect): (&'static str, Dialect),
+        by: Option<&str>,
     ) -> Option<Reader> {
         let unit = |name: &str| -> Option<ReadTime> {
             match name {
@@ -75,10 +160,18 @@ impl Reader {
                 _ => None,
             }
         };
+        let time = names.iter().enumerate().find_map(|(place, name)| Some((place, unit(name)?)))?;
+        let column = |(place, name): (usize, String)| {
+            let has_words = by == Some(name.as_str()) || acted::tells_by_words(&name);
+            let is_over = place == time.0 || name.is_empty();
+            Column { words: has_words.then(Words::default), is_over, name, ..Column::default() }
+        };
+        let columns: Vec<Column> = names.into_iter().enumerate().map(column).collect();
         Some(Reader {
             table: Table { file: file.to_owned(), ..Table::default() },
-            time: names.iter().enumerate().find_map(|(place, name)| Some((place, unit(name)?)))?,
-            columns: names.into_iter().map(|name| (name, Vec::new())).collect(),
+            time,
+            kept: columns.iter().filter(|column| !column.is_over).count(),
+            columns,
             row,
             dialect,
             listed: Vec::new(),
@@ -92,28 +185,110 @@ impl Reader {
     }
 
     fn refuse_at(&mut self, place: &str, column: Option<&str>, message: impl Display) {
-        const MOST_LISTED: usize = 20;
         if self.listed.len() == MOST_LISTED {
             self.unlisted += 1;
             return;
         }
-        let column = column.map(|name| format!(", column {name}")).unwrap_or_default();
+        let column = column.map(|name| format!(", column {}", quoted(name))).unwrap_or_default();
         self.listed.push(format!("{}, {place}{column}: {message}", self.table.file.display()));
     }
 
-    /// Adds a row: a text for each column.
-    pub(super) fn add(&mut self, number: u64, cells: Vec<String>) {
-        let (time, read) = self.time;
+    /// Where the time stands.
+    pub(super) fn time_at(&self) -> usize {
+        self.time.0
+    }
+
+    /// Whether the cells of this column are asked for.
+    pub(super) fn reads(&self, place: usize) -> bool {
+        self.columns.get(place).is_some_and(|column| !column.is_over)
+    }
+
+    /// Whether nothing can be learnt without the texts of this column.
+    #[cfg(feature = "parquet")]
+    pub(super) fn needs_words(&self, place: usize) -> bool {
+        self.columns.get(place).is_some_and(|column| column.words.is_some())
+    }
+
+    /// Nothing but text, of which nothing is kept.
+    #[cfg(feature = "parquet")]
+    pub(super) fn is_text(&mut self, place: usize) {
+        self.columns[place].is_over = true;
+        self.columns[place].text = Some((0, String::new()));
+    }
+
+    /// Begins a row with its time. `false`: its time is none, which has been told.
+    pub(super) fn begin(&mut self, number: u64, time: &str) -> Result<bool, TooMuch> {
+        let rows = self.table.times.len();
+        if rows >= MOST_ROWS || rows.saturating_mul(self.kept) >= MOST_NUMBERS {
+            let limit = match rows >= MOST_ROWS {
+                true => format!("more than {} million rows", MOST_ROWS / 1_000_000),
+                false => format!("more than {} million numbers", MOST_NUMBERS / 1_000_000),
+            };
+            self.refuse(
+                number,
+                None,
+                format!("{limit}: log more slowly, or split the file and leave columns out"),
+            );
+            return Err(TooMuch);
+        }
+        let (place, read) = self.time;
         let last = self.table.times.last().copied();
-        match read(&mut self.dialect, cells.get(time).map_or("", String::as_str), last) {
-            Ok(moment) => self.table.times.push(moment),
+        match read(&mut self.dialect, &quoted(time), last) {
+            Ok(moment) => {
+                self.table.times.push(moment);
+                self.table.lines.push(number);
+                Ok(true)
+            }
             Err(why) => {
-                let name = self.columns[time].0.clone();
-                return self.refuse(number, Some(&name), why);
+                let name = self.columns[place].name.clone();
+                self.refuse(number, Some(&name), why);
+                Ok(false)
             }
         }
-        self.table.lines.push(number);
-        self.columns.iter_mut().zip(cells).for_each(|((_, texts), cell)| texts.push(cell));
+    }
+
+    /// A cell of a row that has begun, as it is written.
+    pub(super) fn text(&mut self, place: usize, number: u64, text: &str) {
+        let text = quoted(text.trim());
+        let read = match self.dialect.separator() {
+            b',' => to_number(&text),
+            _ => match self.dialect.number(&text) {
+                Ok(pointed) => to_number(&pointed),
+                Err(why) => {
+                    let name = std::mem::take(&mut self.columns[place].name);
+                    self.refuse(number, Some(&name), why);
+                    self.columns[place] = Column { name, is_over: true, ..Column::default() };
+                    return;
+                }
+            },
+        };
+        let column = &mut self.columns[place];
+        if read.is_none() && column.text.is_none() {
+            column.text = Some((number, text.clone().into_owned()));
+        }
+        let read = read.unwrap_or(f64::NAN);
+        column.has_numbers |= read.is_finite();
+        column.numbers.push(read);
+        if column.has_numbers && column.text.is_none() {
+            column.words = None;
+        } else if column.words.as_mut().is_some_and(|words| !words.push(&text)) {
+            let name = std::mem::take(&mut column.name);
+            self.columns[place] = Column { is_over: true, ..Column::default() };
+            let message =
+                format!("more than {MOST_WORDS} different texts: nothing can be told apart by them");
+            self.refuse(number, Some(&name), message);
+        }
+    }
+
+    /// A cell of a row that has begun; NaN where it is missing.
+    #[cfg(feature = "parquet")]
+    pub(super) fn number(&mut self, place: usize, value: f64) {
+        let column = &mut self.columns[place];
+        column.has_numbers |= value.is_finite();
+        column.numbers.push(if value.is_finite() { value } else { f64::NAN });
+        if column.has_numbers {
+            column.words = None;
+        }
     }
 
     /// The table as it is learnt from. `empty`: what is said of a file without rows, and of which of its rows.
@@ -121,9 +296,10 @@ impl Reader {
         if self.table.times.is_empty() && self.listed.is_empty() {
             self.refuse(empty.0, None, empty.1);
         }
-        for (place, (name, texts)) in std::mem::take(&mut self.columns).into_iter().enumerate() {
-            if place != self.time.0 && !name.is_empty() {
-                let cells = self.cells(&name, texts);
+        for (place, mut column) in std::mem::take(&mut self.columns).into_iter().enumerate() {
+            if place != self.time.0 && !column.name.is_empty() {
+                let name = std::mem::take(&mut column.name);
+                let cells = self.cells(&name, column);
                 self.table.columns.push((name, cells));
             }
         }
@@ -141,35 +317,26 @@ impl Reader {
         BadLog::unless(self.listed, self.table)
     }
 
-    /// Texts become numbers where they all are. A column with both is a mistake, named at its first text.
-    fn cells(&mut self, name: &str, texts: Vec<String>) -> Cells {
-        let mut numbers = Vec::with_capacity(texts.len());
-        for (row, text) in texts.iter().enumerate() {
-            match self.dialect.number(text.trim()) {
-                Ok(text) => numbers.push(number(&text)),
-                Err(why) => {
-                    self.refuse(self.table.lines[row], Some(name), why);
-                    return Cells::Numbers(Vec::new());
-                }
-            }
-        }
-        let Some(first) = numbers.iter().position(Option::is_none) else {
-            return Cells::Numbers(numbers.into_iter().flatten().collect());
-        };
-        let text = texts[first].trim();
+    /// Numbers where they all are. A column with both numbers and texts is a mistake, named at its first text.
+    fn cells(&mut self, name: &str, column: Column) -> Cells {
+        let Some((line, text)) = column.text else { return Cells::Numbers(column.numbers) };
         let dotted = text.replace(',', ".");
         let has_comma = text.contains(',') && dotted.parse::<f64>().is_ok();
-        if !has_comma && !numbers.iter().flatten().any(|value| value.is_finite()) {
-            return Cells::Text(texts);
+        if !has_comma && !column.has_numbers {
+            return Cells::Text(column.words.unwrap_or_default());
         }
         let hint = match has_comma {
             true => format!("`{text}` has a decimal comma; write {dotted}"),
             false => format!("`{text}` is no number; leave the cell empty where the value is missing"),
         };
-        self.refuse(self.table.lines[first], Some(name), hint);
-        Cells::Numbers(numbers.into_iter().map(|value| value.unwrap_or(f64::NAN)).collect())
+        self.refuse(line, Some(name), hint);
+        Cells::Numbers(column.numbers)
     }
 }
+
+/// A file with more than can be kept of it, which has been told.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TooMuch;
 
 /// A time in minutes.
 fn minutes(dialect: &mut Dialect, text: &str, _: Option<Moment>) -> Result<Moment, String> {
@@ -183,14 +350,19 @@ fn minutes(dialect: &mut Dialect, text: &str, _: Option<Moment>) -> Result<Momen
 }
 
 /// One cell as a number: NaN where it is empty; `None` where it is none.
-fn number(text: &str) -> Option<f64> {
-    let text = text.trim();
-    if text.is_empty() || ["na", "nan", "null", "none", "-"].contains(&text.to_ascii_lowercase().as_str()) {
+fn to_number(text: &str) -> Option<f64> {
+    if text.is_empty() {
         return Some(f64::NAN);
+    }
+    if let Ok(value) = text.parse::<f64>() {
+        return Some(if value.is_finite() { value } else { f64::NAN });
     }
     match text {
         "true" => Some(1.0),
         "false" => Some(0.0),
-        _ => text.parse::<f64>().ok().map(|value| if value.is_finite() { value } else { f64::NAN }),
+        _ if ["na", "null", "none", "-"].iter().any(|known| text.eq_ignore_ascii_case(known)) => {
+            Some(f64::NAN)
+        }
+        _ => None,
     }
 }

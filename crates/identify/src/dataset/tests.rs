@@ -4,8 +4,8 @@ use std::time::Duration;
 use super::*;
 
 fn read(log: &str, split: &Split) -> Result<Dataset, BadLog> {
-    let table = csv::from_text(Path::new("day.csv"), log.as_bytes(), split.zone.clone())?;
-    Dataset::from_tables(&[table], split, &|name| (name == "bed").then_some("degC"))
+    let table = csv::from_text(Path::new("day.csv"), log.as_bytes(), split)?;
+    Dataset::from_tables(vec![table], split, &|name| (name == "bed").then_some("degC"))
 }
 
 #[test]

@@ -1,9 +1,13 @@
 //! Cards as they stand in the files: keyword, parameters, data lines, each with its location.
 
+use std::collections::HashMap;
+use std::fs::File;
+use std::io::Read;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use super::Fault;
+use super::{Fault, Faults};
 
 /// Where something stands.
 #[derive(Debug, Clone)]
@@ -107,7 +111,7 @@ impl Card {
     }
 
     /// Refuses parameters that are not among `known`, which blanks divide.
-    pub(super) fn only(&self, known: &str, faults: &mut Vec<Fault>) {
+    pub(super) fn only(&self, known: &str, faults: &mut Faults) {
         for (name, _) in
             self.parameters.iter().filter(|(name, _)| !known.split(' ').any(|known| known == name))
         {
@@ -126,66 +130,104 @@ impl Card {
 
 /// Files that include files that include files …: deeper is a circle.
 const DEEPEST: usize = 8;
+/// A file is taken in at most so often: what a few files include over and over would be without end.
+const MOST_TIMES: usize = 2;
+/// All files of one load case together, in bytes: ten million nodes and their elements.
+const LARGEST: u64 = 2_000_000_000;
 
 /// All cards of an FE input file, in the order in which they count.
-pub(super) fn read(path: &Path, faults: &mut Vec<Fault>) -> Vec<Card> {
-    let mut cards = Vec::new();
-    gather(path, None, 0, &mut cards, faults);
-    cards
+pub(super) fn read(path: &Path, faults: &mut Faults) -> Vec<Card> {
+    let mut gathering = Gathering { cards: Vec::new(), faults, taken: HashMap::new(), bytes: 0 };
+    gathering.file(path, None, 0);
+    gathering.cards
 }
 
-fn gather(path: &Path, from: Option<&Card>, depth: usize, cards: &mut Vec<Card>, faults: &mut Vec<Fault>) {
-    let refused = |message: String| match from {
-        Some(include) => include.fault(message),
-        None => Fault::of_file(path, message),
-    };
-    if depth > DEEPEST {
-        faults.push(refused(format!("more than {DEEPEST} files include each other: {}", path.display())));
-        return;
-    }
-    let bytes = match std::fs::metadata(path)
-        .and_then(|found| found.is_file().then(|| std::fs::read(path)).transpose())
-    {
-        Ok(Some(bytes)) => bytes,
+/// What has been taken in so far.
+struct Gathering<'f> {
+    cards: Vec<Card>,
+    faults: &'f mut Faults,
+    /// How often each file was, by the disk and the number that it has there.
+    taken: HashMap<(u64, u64), usize>,
+    bytes: u64,
+}
+
+impl Gathering<'_> {
+    /// The bytes of a file, or why they are not taken.
+    fn bytes(&mut self, path: &Path) -> Result<Vec<u8>, String> {
+        let unreadable = |why: std::io::Error| format!("cannot read {}: {why}", path.display());
+        let found = std::fs::metadata(path).map_err(unreadable)?;
         // Nobody writes into a pipe of that name, and a device has no end.
-        Ok(None) => return faults.push(refused(format!("{} is no regular file", path.display()))),
-        Err(error) => return faults.push(refused(format!("cannot read {}: {error}", path.display()))),
-    };
-    // Comments may be in any encoding; everything else is plain.
-    let text = String::from_utf8_lossy(&bytes);
-    let file: Rc<Path> = Rc::from(path);
-    let mut lines = text.lines().enumerate().map(|(at, text)| (at + 1, text.trim())).peekable();
-    let first = cards.len();
-    while let Some((line, text)) = lines.next() {
-        if text.is_empty() || text.starts_with("**") {
-            continue;
+        if !found.is_file() {
+            return Err(format!("{} is no regular file", path.display()));
         }
-        if !text.starts_with('*') {
-            let at = Location { file: Rc::clone(&file), line, card: Rc::from("") };
-            faults.extend(data(text, at, &mut cards[first..]).err());
-            continue;
+        let times = self.taken.entry((found.dev(), found.ino())).or_default();
+        *times += 1;
+        if *times > MOST_TIMES {
+            let why = "does it include itself?";
+            return Err(format!("{} is included more than {MOST_TIMES} times: {why}", path.display()));
         }
-        // A keyword line that ends with a comma goes on.
-        let mut whole = text.to_owned();
-        while whole.ends_with(',') {
-            let Some((_, more)) = lines.next_if(|(_, more)| !more.starts_with('*')) else { break };
-            whole.push_str(more);
+        self.bytes += found.len();
+        if self.bytes > LARGEST {
+            let limit = LARGEST / 1_000_000_000;
+            return Err(format!("with {} there are more than {limit} GB of files", path.display()));
         }
-        let card = keyword(&whole, &file, line);
-        if card.key != "INCLUDE" {
-            cards.push(card);
-            continue;
+        let mut bytes = Vec::new();
+        let read = File::open(path).and_then(|file| file.take(LARGEST).read_to_end(&mut bytes));
+        read.map(|_| bytes).map_err(unreadable)
+    }
+
+    fn file(&mut self, path: &Path, from: Option<&Card>, depth: usize) {
+        let refused = |message: String| match from {
+            Some(include) => include.fault(message),
+            None => Fault::of_file(path, message),
+        };
+        if depth > DEEPEST {
+            let message = format!("more than {DEEPEST} files include each other: {}", path.display());
+            return self.faults.push(refused(message));
         }
-        card.only("INPUT", faults);
-        let input = card.parameters.iter().find(|(name, _)| name == "INPUT");
-        match input.and_then(|(_, value)| value.as_ref()).filter(|input| !input.is_empty()) {
-            Some(input) => {
-                let beside: PathBuf = path.parent().unwrap_or(Path::new("")).join(input);
-                gather(&beside, Some(&card), depth + 1, cards, faults);
-                // What follows an include belongs to no card.
-                cards.push(Card { key: INCLUDED.to_owned(), parameters: Vec::new(), ..card });
+        match self.bytes(path) {
+            Ok(bytes) => self.cards(path, &bytes, depth),
+            Err(why) => self.faults.push(refused(why)),
+        }
+    }
+
+    fn cards(&mut self, path: &Path, bytes: &[u8], depth: usize) {
+        // Comments may be in any encoding; everything else is plain.
+        let text = String::from_utf8_lossy(bytes);
+        let file: Rc<Path> = Rc::from(path);
+        let mut lines = text.lines().enumerate().map(|(at, text)| (at + 1, text.trim())).peekable();
+        let first = self.cards.len();
+        while let Some((line, text)) = lines.next() {
+            if text.is_empty() || text.starts_with("**") {
+                continue;
             }
-            None => faults.push(card.fault("names no file: write *INCLUDE, INPUT=mesh.inp")),
+            if !text.starts_with('*') {
+                let at = Location { file: Rc::clone(&file), line, card: Rc::from("") };
+                self.faults.extend(data(text, at, &mut self.cards[first..]).err());
+                continue;
+            }
+            // A keyword line that ends with a comma goes on.
+            let mut whole = text.to_owned();
+            while whole.ends_with(',') {
+                let Some((_, more)) = lines.next_if(|(_, more)| !more.starts_with('*')) else { break };
+                whole.push_str(more);
+            }
+            let card = keyword(&whole, &file, line);
+            if card.key != "INCLUDE" {
+                self.cards.push(card);
+                continue;
+            }
+            card.only("INPUT", self.faults);
+            let input = card.parameters.iter().find(|(name, _)| name == "INPUT");
+            match input.and_then(|(_, value)| value.as_ref()).filter(|input| !input.is_empty()) {
+                Some(input) => {
+                    let beside: PathBuf = path.parent().unwrap_or(Path::new("")).join(input);
+                    self.file(&beside, Some(&card), depth + 1);
+                    // What follows an include belongs to no card.
+                    self.cards.push(Card { key: INCLUDED.to_owned(), parameters: Vec::new(), ..card });
+                }
+                None => self.faults.push(card.fault("names no file: write *INCLUDE, INPUT=mesh.inp")),
+            }
         }
     }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::card::{Card, INCLUDED, plain};
 use super::reader::Reader;
-use super::{Fault, FeInput, load, material, mesh};
+use super::{Fault, Faults, FeInput, load, material, mesh};
 
 /// When a card is read: after all that it may name, wherever that stands. Cards of one stage are read in their order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -58,7 +58,7 @@ const CONSTANTS: &str = "ABSOLUTEZERO STEFANBOLTZMANN NEWTONGRAVITY";
 const PRINTED: &str = "NSET ELSET FREQUENCY FREQUENCYF TOTALS GLOBAL OUTPUT TIMEPOINTS NODES 2D 3D";
 
 /// The file whose cards these are, where nothing is wrong, these faults included.
-pub(super) fn read(path: &Path, cards: &[Card], mut faults: Vec<Fault>) -> Result<FeInput, Vec<Fault>> {
+pub(super) fn read(path: &Path, cards: &[Card], mut faults: Faults) -> Result<FeInput, Faults> {
     let known = known(cards, &mut faults);
     let before = faults.len();
     let mut reader = Reader::default();
@@ -97,7 +97,7 @@ pub(super) fn read(path: &Path, cards: &[Card], mut faults: Vec<Fault>) -> Resul
 }
 
 /// The cards with their stages and what reads them. What is not understood or stands in a wrong place goes to `faults`.
-fn known<'a>(cards: &'a [Card], faults: &mut Vec<Fault>) -> Vec<(Stage, &'a Card, Read)> {
+fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Read)> {
     let mut known = Vec::new();
     // The card that began the step; whether it has ended.
     let (mut began, mut ended) = (None, false);
@@ -185,6 +185,7 @@ fn why_refused(key: &str) -> String {
     }
     let known = ["HEADING", "INCLUDE", "STEP", "END STEP"].into_iter();
     let known = known.chain(KEYWORDS.map(|(name, ..)| name));
+    let known = known.filter(|name| plain(name).len().abs_diff(key.len()) <= 2);
     let distances = known.map(|name| (strsim::damerau_levenshtein(&plain(name), key), name));
     match distances.min_by_key(|(distance, _)| *distance) {
         Some((0..=2, near)) => format!("no such card; did you mean *{near}?"),

@@ -209,7 +209,7 @@ pub(super) fn supports(reader: &mut Reader) -> Vec<usize> {
 /// The load case, if every node starts somewhere.
 pub(super) fn finish(path: &Path, reader: &mut Reader) -> Option<(LoadCase, SurfaceNames)> {
     // A line of the card that is wrong has been reported; what it leaves out is not missed on top.
-    let is_reported = reader.faults.iter().any(|fault| fault.card == "*INITIAL CONDITIONS");
+    let is_reported = reader.faults.described.iter().any(|fault| fault.card == "*INITIAL CONDITIONS");
     let without = reader.initial.iter().position(Option::is_none);
     if let Some(node) = without.filter(|_| !is_reported && !reader.is_spoiled) {
         let id = reader.mesh.nodes[node];

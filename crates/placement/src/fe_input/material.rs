@@ -129,7 +129,7 @@ pub(super) fn section(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
 /// The materials, if every element has one that lacks nothing.
 pub(super) fn finish(reader: &mut Reader) -> Option<Materials> {
     let missing = reader.of_element.iter().filter(|material| material.is_none()).count();
-    let is_reported = reader.faults.iter().any(|fault| fault.card == "*SOLID SECTION");
+    let is_reported = reader.faults.described.iter().any(|fault| fault.card == "*SOLID SECTION");
     if let Some(first) = reader.of_element.iter().position(Option::is_none).filter(|_| !is_reported) {
         let id = reader.mesh.elements[first].id;
         let message = format!(

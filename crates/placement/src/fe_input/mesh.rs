@@ -144,7 +144,18 @@ pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
         };
         if card.has("GENERATE") {
             let (first, last, by) = range(line)?;
-            (first..=last).step_by(by).for_each(|id| members.extend(find(reader, id)));
+            let there = reader.members_between(of_nodes, (first, last), by);
+            let wanted = (last - first) / by + 1;
+            let lacking = wanted - u32::try_from(there.len()).unwrap_or(u32::MAX).min(wanted);
+            if lacking > 0 {
+                let mut there = there.iter().map(|(id, _)| *id).peekable();
+                let is_not = |id: &u32| there.next_if_eq(id).is_none();
+                let id = (first..=last).step_by(by as usize).find(is_not).unwrap_or(first);
+                let others =
+                    if lacking > 1 { format!(", nor are {} others", lacking - 1) } else { String::new() };
+                reader.missed(&line.at, format!("{what} {id} is not defined{others}"));
+            }
+            members.extend(there.into_iter().map(|(_, place)| place));
             return Ok(());
         }
         for text in line.values() {
@@ -171,7 +182,7 @@ pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
 }
 
 /// The first number, the last and the step.
-fn range(line: &Line) -> Result<(u32, u32, usize), Fault> {
+fn range(line: &Line) -> Result<(u32, u32, u32), Fault> {
     let by = if line.len() == 2 { 1 } else { line.id(line.text(2), "step")? };
     if line.len() > 3 {
         line.exactly(&["first", "last", "step"])?;
@@ -180,7 +191,7 @@ fn range(line: &Line) -> Result<(u32, u32, usize), Fault> {
     if last < first {
         return Err(line.fault(format!("from {first} to {last} there is nothing")));
     }
-    Ok((first, last, usize::try_from(by).unwrap_or(1)))
+    Ok((first, last, by))
 }
 
 pub(super) fn surface(reader: &mut Reader, card: &Card) -> Result<(), Fault> {

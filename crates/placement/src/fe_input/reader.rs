@@ -4,14 +4,14 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 
 use super::card::{Card, Line, Location};
 use super::material::Draft;
-use super::{Fault, SurfaceNames};
+use super::{Fault, Faults, SurfaceNames};
 use crate::body::{Case, Film, Flux};
 use crate::mesh::{Face, Mesh, NodeId};
 
 /// What has been read so far.
 #[derive(Default)]
 pub(super) struct Reader {
-    pub(super) faults: Vec<Fault>,
+    pub(super) faults: Faults,
     /// The mesh is wrong, which has been reported: those who name what it lacks are not to blame.
     pub(super) is_spoiled: bool,
     /// Nodes in the order of the file.
@@ -130,6 +130,25 @@ impl Reader {
         }
         let outline = || self.outline_numbers.get(&id).map(|place| self.mesh.elements.len() + place);
         self.numbers.get(&id).copied().or_else(outline)
+    }
+
+    /// Numbers and places of the members from one number to another, by steps, ascending: those that there are, however many
+    /// numbers lie between.
+    pub(super) fn members_between(
+        &self,
+        of_nodes: bool,
+        (first, last): (u32, u32),
+        by: u32,
+    ) -> Vec<(u32, usize)> {
+        let is_meant = |id: &u32| (first..=last).contains(id) && (id - first).is_multiple_of(by);
+        let mut ids: Vec<u32> = if of_nodes {
+            self.mesh.nodes.iter().map(|node| node.0).filter(is_meant).collect()
+        } else {
+            self.numbers.keys().chain(self.outline_numbers.keys()).copied().filter(is_meant).collect()
+        };
+        ids.sort_unstable();
+        ids.dedup();
+        ids.into_iter().filter_map(|id| Some((id, self.member(of_nodes, id)?))).collect()
     }
 
     /// Every member once, in the order of the file.

@@ -175,7 +175,7 @@ impl Axis {
 impl RawAxis {
     pub(super) fn resolve(&self, at: &At<'_>, name: &str) -> Option<Axis> {
         let guard = self.guard(at);
-        let every = at.key("every").duration(self.every);
+        let every = at.key("every").period(self.every);
         let on_fault = self.on_fault.as_ref().and_then(|action| action.resolve(&at.key("on_fault")));
         let list = at.key("model");
         let models = self.model.as_deref().unwrap_or_default();

@@ -215,7 +215,7 @@ impl RawBus {
             None => None,
         };
         let sync = self.sync.as_ref().filter(|_| kind == BusType::Can).and_then(|sync| {
-            let every = at.key("sync").key("every").duration(sync.every);
+            let every = at.key("sync").key("every").period(sync.every);
             Some(Sync { id: CanId::standard(sync.cob_id.unwrap_or(SYNC))?, every: every? })
         });
         Some(Bus { name: name.to_owned(), transport, address: address?, tls, timeout, late, quirks, sync })

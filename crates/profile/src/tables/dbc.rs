@@ -6,6 +6,7 @@ use std::rc::Rc;
 use super::At;
 use crate::dbc::{self, DbcFile, Described, Wrong};
 use crate::error::ProfileError;
+use crate::span::around;
 use crate::template;
 
 /// Files by their names; `None` where one cannot be read, which has been reported.
@@ -64,6 +65,11 @@ fn parse(at: &At<'_>, name: &str) -> Option<DbcFile> {
 
 fn wrong_in_file(at: &At<'_>, file: &str, wrong: Wrong, excerpt: Option<String>) {
     let (line, column) = wrong.at.unzip();
-    let (file, key, help) = (at.check.files.path(file), String::new(), Some(wrong.help));
-    at.error(ProfileError { file, line, column, key, message: wrong.message, help, excerpt });
+    let in_line = |text: String| {
+        let byte = text.char_indices().nth(column.unwrap_or(1) - 1).map_or(text.len(), |(byte, _)| byte);
+        around(&text, byte)
+    };
+    let (excerpt, caret) = excerpt.map(in_line).unzip();
+    let whole = ProfileError::about(at.check.files.path(file), wrong.message, Some(wrong.help));
+    at.error(ProfileError { line, column, excerpt, caret: caret.unwrap_or_default(), ..whole });
 }

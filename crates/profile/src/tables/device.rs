@@ -215,7 +215,7 @@ impl RawDevice {
             let help = "write template = \"…\" as well, or remove it";
             at.foreign(&["variant", "base", "expect"], "a device template", help);
         }
-        let every = at.key("every").duration(self.every).unwrap_or(EVERY);
+        let every = at.key("every").period(self.every).unwrap_or(EVERY);
         if self.functions.as_ref().is_some_and(Vec::is_empty) {
             let help = "name what it may be sent, as [\"read-holding\", \"write-multiple\"], or leave the key out: all";
             at.key("functions").wrong("a device that may be sent nothing is of no use", help);

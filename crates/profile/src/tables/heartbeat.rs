@@ -59,7 +59,7 @@ impl Heartbeat {
 
 impl RawHeartbeat {
     pub(super) fn resolve(&self, at: &At<'_>) -> Option<Heartbeat> {
-        let every = at.key("every").duration(self.every);
+        let every = at.key("every").period(self.every);
         let index = at.key("device").named(&at.check.devices, self.device.as_ref());
         let address = holding(&at.key("register"), self.register.as_ref());
         if at.check.is_on_can(self.device.as_ref()) == Some(true) {

@@ -257,7 +257,7 @@ impl RawOutput {
         self.keeps_pace(at);
         let device = at.key("device").named(&check.devices, self.device.as_ref());
         let writes = writes::resolve(self, at);
-        let refresh = at.key("refresh").duration(self.refresh);
+        let refresh = at.key("refresh").period(self.refresh);
         let when = expression::condition(&at.key("when"), self.when.as_ref(), None);
         let on_can = check.is_on_can(self.device.as_ref());
         self.foreign_keys(at, on_can);

@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 use super::channels::Channel;
 use super::find::{Definition, find};
 use super::{Template, Templates, Use, in_order, text};
-use crate::error::{ProfileError, allowed};
+use crate::error::{Found, allowed};
 use crate::files::Files;
 use crate::span::{Spans, child, element};
 
@@ -16,7 +16,7 @@ pub(super) struct Filling<'a> {
     pub(super) profile: &'a mut Map<String, Value>,
     files: &'a Files<'a>,
     pub(super) spans: &'a mut Spans,
-    pub(super) errors: &'a mut Vec<ProfileError>,
+    pub(super) errors: &'a mut Found,
     pub(super) known: BTreeMap<String, Definition>,
     pub(super) templates: Templates,
     /// Devices whose template could not be used, which has been reported.
@@ -28,7 +28,7 @@ impl<'a> Filling<'a> {
         profile: &'a mut Map<String, Value>,
         files: &'a Files<'a>,
         spans: &'a mut Spans,
-        errors: &'a mut Vec<ProfileError>,
+        errors: &'a mut Found,
     ) -> Filling<'a> {
         let (known, templates, broken) = (BTreeMap::new(), Templates::new(), Vec::new());
         Filling { profile, files, spans, errors, known, templates, broken }

@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use super::channels::{Channel, of_group};
 use super::{Group, schema, shipped, text, texts};
-use crate::error::{ProfileError, allowed};
+use crate::error::{Found, allowed};
 use crate::files::Files;
 use crate::span::Spans;
 use crate::walk::Walk;
@@ -45,7 +45,7 @@ pub(super) type Wrong = (&'static str, String, String);
 pub(super) fn find(
     name: &str,
     files: &Files<'_>,
-    errors: &mut Vec<ProfileError>,
+    errors: &mut Found,
 ) -> Result<(Option<String>, Option<Group>), Wrong> {
     let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
     let file = format!("{DIRECTORY}/{name}.toml");
@@ -85,7 +85,7 @@ fn nearest_names(name: &str, known: &[String]) -> String {
     }
 }
 
-fn read(shown: &str, written: &str, errors: &mut Vec<ProfileError>) -> Option<Group> {
+fn read(shown: &str, written: &str, errors: &mut Found) -> Option<Group> {
     let schema = schema::schema();
     let mut spans = Spans::default();
     let layer = spans.add_layer(shown, Some(written));

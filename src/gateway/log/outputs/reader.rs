@@ -10,6 +10,7 @@ use crate::gateway::log::LogError;
 use crate::gateway::log::reader::unreadable;
 use isotherm_core::output::{Action, Fact};
 use isotherm_core::quantity::{Counts, Moment, time};
+use isotherm_profile::regular::{self, Lines};
 
 /// One row.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,7 +44,7 @@ pub enum Entry {
 /// Gives the rows of a log of outputs, one after the other.
 #[derive(Debug)]
 pub struct OutputLogReader<R> {
-    csv: csv::Reader<R>,
+    csv: csv::Reader<Lines<R>>,
     file: String,
     record: StringRecord,
     warnings: Vec<String>,
@@ -66,6 +67,8 @@ impl<R: Read> OutputLogReader<R> {
     /// # Errors
     /// A header of something else.
     pub fn open(input: R, file: &str) -> Result<OutputLogReader<R>, LogError> {
+        let (_, input) =
+            regular::first_line(input).map_err(|cause| unreadable(file, 1, &csv::Error::from(cause)))?;
         let mut csv = csv::ReaderBuilder::new().flexible(true).from_reader(input);
         let header = csv.headers().map_err(|cause| unreadable(file, 1, &cause))?;
         if !header.iter().eq(names()) {
@@ -103,6 +106,7 @@ impl<R: Read> OutputLogReader<R> {
     }
 
     fn read_record(&mut self) -> Result<bool, LogError> {
+        self.csv.get_mut().row_is_over();
         let read = self.csv.read_record(&mut self.record);
         read.map_err(|cause| unreadable(&self.file, self.csv.position().line(), &cause))
     }

@@ -11,6 +11,7 @@ use rten_tensor::prelude::*;
 use rten_tensor::{Tensor, TensorView};
 
 use super::WIDEST;
+use crate::border::beyond;
 
 mod frame;
 
@@ -101,8 +102,7 @@ impl Onnx {
 
 /// A file may be wrong in a way that the runtime did not think of: that is the file's fault, not the machine's.
 fn caught<T>(run: impl FnOnce() -> T) -> Result<T, String> {
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(run))
-        .map_err(|_| "the ONNX runtime failed on it".to_owned())
+    beyond(run).map_err(|_| "the ONNX runtime failed on it".to_owned())
 }
 
 /// How many numbers the input takes, and whether without a dimension for the row.

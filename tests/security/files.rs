@@ -1,0 +1,7 @@
+//! No file brings the program down: each is refused in a sentence, soon, and without the memory of the computer.
+
+mod decks;
+mod logs;
+mod parquet;
+mod profiles;
+mod rig;

@@ -1,0 +1,104 @@
+//! Runs the program on a file, and measures what it takes.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// A directory for the files of one attack.
+pub(crate) struct Home(tempfile::TempDir);
+
+/// What came of it.
+pub(crate) struct Seen {
+    pub(crate) code: i64,
+    pub(crate) seconds: f64,
+    /// The most memory that it had at once, MB.
+    pub(crate) peak: f64,
+    pub(crate) said: String,
+}
+
+/// What the program may take beside ten times its input, MB.
+const BESIDE: f64 = 200.0;
+/// It is 10 s where nothing else runs and the program is optimised; here neither is so.
+const LONGEST: f64 = 60.0;
+/// What it may say, in bytes.
+const MOST_SAID: usize = 100_000;
+/// A line of it, in characters: a quotation of 200 and the sentence around it, or a list.
+const LONGEST_LINE: usize = 2_100;
+
+/// Tells how a program ended, how long that took and how much memory; no more than 6 GB, lest it take the computer with it.
+const MEASURED: &str = "
+import json, resource, subprocess, sys, time
+def bounded():
+    resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))
+begun = time.monotonic()
+done = subprocess.run(sys.argv[1:], stdin=subprocess.DEVNULL, capture_output=True, preexec_fn=bounded, timeout=300)
+print(json.dumps({
+    'code': done.returncode,
+    'seconds': time.monotonic() - begun,
+    'peak': resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1000,
+    'said': (done.stderr + done.stdout).decode(errors='replace'),
+}))
+";
+
+impl Home {
+    pub(crate) fn new() -> Home {
+        Home(tempfile::tempdir().unwrap())
+    }
+
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    pub(crate) fn write(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.path(name);
+        std::fs::write(&path, content).unwrap();
+        path
+    }
+}
+
+/// A verb, with a file behind it.
+pub(crate) fn isotherm(arguments: &[&str], file: &Path) -> Seen {
+    let output = Command::new("python3")
+        .args(["-c", MEASURED, env!("CARGO_BIN_EXE_isotherm")])
+        .args(arguments)
+        .arg(file)
+        .env("LC_ALL", "C.UTF-8")
+        .output()
+        .unwrap();
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout)
+        .unwrap_or_else(|why| panic!("{why}: {}", String::from_utf8_lossy(&output.stderr)));
+    Seen {
+        code: document["code"].as_i64().unwrap(),
+        seconds: document["seconds"].as_f64().unwrap(),
+        peak: document["peak"].as_f64().unwrap(),
+        said: document["said"].as_str().unwrap().to_owned(),
+    }
+}
+
+impl Seen {
+    /// Whatever it thought of the file, it kept within what a file may take. `input`: its bytes.
+    pub(crate) fn is_within(&self, input: u64) -> &Seen {
+        let beginning: String = self.said.chars().take(2000).collect();
+        let most = 10.0 * input as f64 / 1e6 + BESIDE;
+        assert!(self.peak <= most, "{} MB of at most {most}: {beginning}", self.peak);
+        assert!(self.seconds <= LONGEST, "{} s: {beginning}", self.seconds);
+        assert!(self.said.len() <= MOST_SAID, "{} bytes: {beginning}", self.said.len());
+        let longest = self.said.lines().map(|line| line.chars().count()).max().unwrap_or_default();
+        assert!(longest <= LONGEST_LINE, "a line of {longest} characters: {beginning}");
+        assert!(!self.said.contains("panicked"), "{beginning}");
+        self
+    }
+
+    /// It was refused in a sentence with these words.
+    pub(crate) fn is_refused(&self, input: u64, words: &[&str]) {
+        let beginning: String = self.is_within(input).said.chars().take(2000).collect();
+        assert!([1, 64].contains(&self.code), "exit code {}: {beginning}", self.code);
+        for word in words {
+            assert!(self.said.contains(word), "`{word}` is not in: {beginning}");
+        }
+    }
+}
+
+/// How large a file is.
+pub(crate) fn size(file: &Path) -> u64 {
+    std::fs::metadata(file).unwrap().len()
+}
