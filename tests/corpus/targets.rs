@@ -22,7 +22,7 @@ use isotherm::fieldbus::rtu::Rtu;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::{Answer, Request, Wire};
 use isotherm::gateway::{Gateway, Options};
-use isotherm::observe::http::serve;
+use isotherm::observe::http::{Admission, serve};
 use isotherm::virtual_machine::answered;
 use isotherm_core::codec::{
     Address, DataType, Encoding, Entry, Frame, Register, Scale, Table, WordOrder, checksum,
@@ -31,7 +31,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_identify::dataset::{Dataset, Split};
 use isotherm_profile::plan::plan;
-use isotherm_profile::{Device, Profile, Quirks, Signal};
+use isotherm_profile::{Commands, Device, Profile, Quirks, Signal};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
 /// A target and its name, which is that of its directory.
@@ -293,7 +293,10 @@ static DOOR: LazyLock<SocketAddr> = LazyLock::new(|| {
                 let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
                 tell.send(listener.local_addr().expect("its address")).expect("somebody waits");
                 let gateway = Gateway::new(USUAL.clone(), &Clock::wall(), Options::default());
-                serve(listener, gateway.source(), None, std::future::pending()).await.expect("it serves");
+                let admission = Admission { commands: Commands::Local, ..Admission::default() };
+                serve(listener, gateway.source(), admission, std::future::pending())
+                    .await
+                    .expect("it serves");
             });
         })
         .expect("a thread");
