@@ -224,6 +224,7 @@ fn a_missing_gateway_and_a_page_open_to_the_network_are_reported_in_words() {
     assert!(open.said.contains("token_file"), "{}", open.said);
     file(home.path(), "token", "of sixteen characters and more");
     let token = home.path().join("token").display().to_string();
+    std::fs::set_permissions(&token, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
     let web = format!("\n[web]\nlisten = \"127.0.0.1:0\"\ntoken_file = \"{token}\"\n");
     let profile = file(home.path(), "machine.toml", &(machine(home.path()).0 + &web));
     let open = ended(isotherm(home.path()).arg("run").arg(&profile).args(["--listen", "0.0.0.0:0"]));

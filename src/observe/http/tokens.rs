@@ -147,6 +147,10 @@ fn read(path: &Path) -> Result<(String, Seen), String> {
     };
     let mut file = regular::open(path).map_err(cannot)?;
     let metadata = file.metadata().map_err(cannot)?;
+    if metadata.len() > LARGEST {
+        let kilobytes = LARGEST >> 10;
+        return Err(format!("the token file {at} is larger than {kilobytes} kB: isotherm token makes one"));
+    }
     if metadata.mode() & OTHERS != 0 {
         return Err(format!("the token file {at} is open to everybody on this computer: chmod 600 {at}"));
     }
