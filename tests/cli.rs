@@ -240,7 +240,7 @@ fn reading_devices_that_are_not_there_is_a_failure_that_names_them() {
     for arguments in [&["read"][..], &["check", "--online"]] {
         let read = ended(isotherm(home.path()).args(arguments).arg(&profile));
         assert_eq!(read.code, Some(1), "{}", read.out);
-        assert!(read.said.contains("4 of 4 signals cannot be used: bed ("), "{}", read.said);
+        assert!(read.said.contains("4 of 4 signals cannot be used: bed, "), "{}", read.said);
     }
 }
 
