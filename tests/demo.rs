@@ -139,7 +139,9 @@ fn a_machine_under_linuxcnc_says_how_to_install_it_where_it_is_missing() {
     let said = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(
-        said.contains("apt-get install --no-install-recommends linuxcnc-uspace python3-pymodbus"),
+        said.contains(
+            "apt-get install --no-install-recommends linuxcnc-uspace python3-pymodbus python3-serial-asyncio"
+        ),
         "{said}"
     );
 }

@@ -74,7 +74,7 @@ impl Mill {
         anyhow::ensure!(
             is_there,
             "{MACHINE} needs LinuxCNC, which is not installed here. On Debian, as root: apt-get install \
-             --no-install-recommends linuxcnc-uspace python3-pymodbus. Every other machine runs without"
+             --no-install-recommends linuxcnc-uspace python3-pymodbus python3-serial-asyncio. Every other machine runs without"
         );
         Mill::start().map(Some)
     }
@@ -109,7 +109,9 @@ impl Mill {
     fn complaint(&self) -> String {
         let log = std::fs::read_to_string(self.directory.join(LOG)).unwrap_or_default();
         let last = log.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it does not say why");
-        format!("{last}. One of them runs at a time on a computer; it needs python3-pymodbus")
+        format!(
+            "{last}. One of them runs at a time on a computer; it needs python3-pymodbus and python3-serial-asyncio"
+        )
     }
 
     /// It has cut and moved until now.
