@@ -4,13 +4,13 @@
 //! - a question whose answer is told apart from that one, by function or length, need not wait: what is owed is passed
 //!   over when it comes ([`Mark`]);
 //! - another question of the same form waits until the late answer has had its time;
-//! - **the same read** may be repeated as soon as the line has been silent for [`FACTOR`] times the longest answer of
-//!   that unit, if it is known to be prompt: its last [`PROOF`] answers all came in time. What comes may answer either
+//! - **the same read** may be repeated as soon as the line has been silent for `FACTOR` times the longest answer of
+//!   that unit, if it is known to be prompt: its last `PROOF` answers all came in time. What comes may answer either
 //!   question, so that it counts from the first, and must come as soon as its answers do; the unit is asked that once
 //!   more only when it has been silent again for so long.
 //!
 //! A unit that was heard late, or out of turn, is not prompt any more: all its misses are waited out, until it has
-//! answered [`PROOF`] times again.
+//! answered `PROOF` times again.
 
 use std::time::Duration;
 
@@ -40,7 +40,7 @@ pub(super) struct Owed {
     /// Since when it may owe anything at all.
     anything: Option<Silence>,
     late: Vec<Late>,
-    /// Answers in time since it was last heard late, and the longest of the last [`PROOF`] and of those before.
+    /// Answers in time since it was last heard late, and the longest of the last `PROOF` and of those before.
     in_time: u32,
     longest: [Duration; 2],
     /// Misses in a row.
