@@ -48,7 +48,7 @@ fn compensation(kind: &Kind, signals: usize, axes: usize) -> Compensation {
     let micron = |value| Micron::new(value).unwrap_or_default();
     let axis = AxisSettings {
         name: "z".to_owned(),
-        models: vec![Model { name: "model".to_owned(), kind: kind.clone(), envelope: None }],
+        models: vec![Model::new("model".to_owned(), kind.clone())],
         guard: GuardSettings {
             limit: micron(40.0),
             step: micron(1.0),
@@ -113,7 +113,7 @@ fn stepped<const SIGNALS: usize, const AXES: usize>(
         now = now.after(Duration::from_secs(10));
         warmer = (warmer + 0.01) % 10.0;
         readings.fill(Reading::good(20.0 + warmer, now));
-        compensation.step(&Snapshot { now, readings: black_box(&readings) }, &control);
+        compensation.step(&Snapshot::new(now, black_box(&readings)), &control);
         black_box(compensation.decision(AXES - 1).map(|decision| decision.cz));
     };
     criterion.bench_function(name, |bencher| bencher.iter(&mut once));
@@ -124,10 +124,8 @@ fn stepped<const SIGNALS: usize, const AXES: usize>(
 }
 
 fn steps(criterion: &mut Criterion) {
-    let terms = (0..16).map(|place| Term {
-        input: Input { signal: SignalId(place), reference: reference(place), lag: None },
-        gain: of(2.4),
-    });
+    let terms = (0..16)
+        .map(|place| Term { input: Input::of(SignalId(place), reference(place), None), gain: of(2.4) });
     let linear = Kind::Linear(Linear { offset: of(0.0), terms: terms.collect(), slope: None });
     step(criterion, "step an axis of 16 linear terms", &linear, None);
 
@@ -149,7 +147,7 @@ fn three_axes(criterion: &mut Criterion) {
     const SIGNALS: usize = 31;
     let input = |place: usize| {
         let lag = Some(Duration::from_secs(600 + 60 * u64::try_from(place).unwrap_or(0)));
-        Input { signal: SignalId(place), reference: reference(place), lag }
+        Input::of(SignalId(place), reference(place), lag)
     };
     let position = SignalId(SIGNALS - 1);
     let terms = (20..30).map(|place| Term { input: input(place), gain: of(0.1) }).collect();
@@ -176,9 +174,7 @@ fn weight(place: usize) -> f64 {
 }
 
 fn inputs(count: usize) -> Vec<Input> {
-    (0..count)
-        .map(|place| Input { signal: SignalId(place), reference: Reference::Fixed(of(20.0)), lag: None })
-        .collect()
+    (0..count).map(|place| Input::of(SignalId(place), Reference::Fixed(of(20.0)), None)).collect()
 }
 
 /// What is in files: 64 blocks and 8 points of a guideway, which is a matrix of 24 rows; networks of 30-16-1.

@@ -54,6 +54,7 @@ mod sealed;
 mod shared;
 mod sign;
 mod signing;
+mod stand_in;
 mod status;
 mod storage;
 mod units;

@@ -493,7 +493,7 @@ fn status_has_the_content_of_the_page_for_people_programs_and_a_watchdog() {
     }
     let json: Value = serde_json::from_str(&status(&["--json"]).out).unwrap();
     let axis = &json["axes"]["z"];
-    for key in ["state", "display", "why", "cz_um", "verified_um", "verified_age_s"] {
+    for key in ["state", "display", "why", "cz_um", "expected_um", "verified_um", "verified_age_s"] {
         assert!(axis.get(key).is_some(), "{key}: {axis}");
     }
     assert!(json["devices"].is_array() && json["signals"].is_array() && json["clock"].is_string(), "{json}");

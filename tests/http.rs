@@ -469,6 +469,7 @@ async fn metrics_are_valid_and_leave_out_what_is_not_known() {
     };
     expect("isotherm_build_info", r#",version="1.2.3""#, "1");
     expect("isotherm_axis_cz_micrometers", r#",axis="z""#, "12.5");
+    expect("isotherm_axis_expected_micrometers", r#",axis="z""#, "2.1");
     expect("isotherm_axis_state", r#",axis="z",state="holding""#, "1");
     expect("isotherm_axis_state", r#",axis="z",state="active""#, "0");
     expect("isotherm_axis_armed", r#",axis="z""#, "1");

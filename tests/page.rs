@@ -59,6 +59,24 @@ fn what_was_set_above_the_profile_stands_on_the_page_with_both_values() {
     assert!(text.contains("40.0") && text.contains("30"), "{text}");
 }
 
+#[test]
+fn how_wrong_cz_is_expected_to_be_stands_beside_it_and_on_the_wall() {
+    let model = "axis.z.model=[{ name = \"difference\", kind = \"linear\", expected = { since_datum = [0.0, 4.41] }, terms = [\
+                 { signal = \"bed\", gain = 2.4, reference = 0.0 }, { signal = \"wheelhead\", gain = -2.4, reference = 0.0 }] }]";
+    let set = [&["--set", model][..], &DAY].concat();
+    let whole = "eval:document.documentElement.scrollWidth <= innerWidth";
+    let words = ["compensating", "expected within ± 2.1 µm", "size:390x844", whole];
+    looked_at(&set, "", &words);
+    looked_at(&set, "/?view=wall", &words);
+    for (language, word) in [
+        ("language:de", "erwartet auf ± 2,1 µm"),
+        ("language:ja", "誤差の見込み ± 2.1 µm 以内"),
+        ("language:zh", "预计误差在 ± 2.1 µm 以内"),
+    ] {
+        looked_at(&set, "", &[language, word, "size:390x844", whole]);
+    }
+}
+
 /// Nothing of it comes from the page: it has only just been opened.
 #[test]
 fn the_past_comes_from_the_logs_with_zoom_and_as_a_file() {

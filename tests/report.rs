@@ -98,7 +98,7 @@ fn day(number: u32) -> String {
         oil += (pump - oil) / 20.0;
         // A wave that no sensor sees: something is left over.
         let unseen = 0.4 * (f64::from(minute) / 9.0 + f64::from(number)).sin();
-        let ambient = 20.0 + (f64::from(minute) / 80.0).sin();
+        let ambient = 20.0 + (f64::from(minute) / 80.0 + f64::from(number)).sin();
         let rpm = if runs { 3000 } else { 0 };
         writeln!(
             text,
@@ -223,7 +223,7 @@ fn the_report_of_the_points_has_the_figures_of_the_json() {
     let (page, json) = selected(home.path());
     is_whole(&page);
     let kept = &json["recommended"]["points"];
-    assert_eq!(kept.as_array().unwrap().len(), 2, "{kept}");
+    assert!(kept[0] == "bearing" && kept[1] == "oil", "{kept}");
     let table = rows(&page, "How many points");
     let counts = json["by_count"].as_array().unwrap();
     assert_eq!(table.len(), counts.len() + 1);

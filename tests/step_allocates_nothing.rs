@@ -7,12 +7,13 @@ use isotherm_core::compensation::model::envelope::Identified;
 use isotherm_core::compensation::model::network::{
     Activation, Layer, Layers, Net, Network, Node, Radial, Scaling,
 };
+use isotherm_core::compensation::model::stand_ins::Described;
 use isotherm_core::compensation::model::{
-    Envelope, Expression, Formula, Input, Kind, Linear, Matrix, Model, Outside, Reference, Slope, Symbol,
-    Term,
+    Envelope, Expression, Formula, Input, Kind, Linear, Matrix, Model, Outside, Reference, Slope, StandIns,
+    Symbol, Term,
 };
 use isotherm_core::compensation::settings::{
-    AxisSettings, Datum, GainSettings, GuardSettings, Levels, MachineSettings, OnFault, ProbeSettings,
+    AxisSettings, Datum, Filter, GainSettings, GuardSettings, Levels, MachineSettings, OnFault, ProbeSettings,
 };
 use isotherm_core::compensation::{Compensation, Control, Measured, Permit, Remembered, Snapshot};
 use isotherm_core::quantity::Moment;
@@ -24,7 +25,7 @@ fn of<Quantity: TryFrom<f64, Error = &'static str>>(value: f64) -> Quantity {
 }
 
 fn compensation() -> Compensation {
-    let rise = |place, reference, lag| Input { signal: SignalId(place), reference, lag };
+    let rise = |place, reference, lag| Input::of(SignalId(place), reference, lag);
     let term = |place, reference, lag| Term { input: rise(place, reference, lag), gain: of(2.4) };
     let half_an_hour = Some(Duration::from_secs(1800));
     let terms = vec![
@@ -40,7 +41,7 @@ fn compensation() -> Compensation {
         _ => None,
     };
     let expression = Expression::parse("2.4 * max(A - (2e-5*t + 23.4), 0)", &resolve).expect("a formula");
-    let input = |place| Input { signal: SignalId(place), reference: Reference::Fixed(of(20.0)), lag: None };
+    let input = |place| Input::of(SignalId(place), Reference::Fixed(of(20.0)), None);
     let late = Input { lag: half_an_hour, ..input(0) };
     let matrix =
         Matrix::new("m.json", vec![late, input(1)], SignalId(2), vec![of(0.0), of(20.5)], vec![of(0.5); 4]);
@@ -54,7 +55,7 @@ fn compensation() -> Compensation {
     let envelope = Envelope::new(vec![known], &[vec![1.0]], None, Outside::Hold).expect("a region");
     let probe = Some(ProbeSettings {
         limit: of(10.0),
-        filter: 0.5,
+        filter: Filter::Weighed { repeat: 0.5, walk: 4.0 },
         max_error: of(100.0),
         warn: None,
         gains: Some(GainSettings { forgetting: 0.98, limit: 0.2 }),
@@ -62,16 +63,8 @@ fn compensation() -> Compensation {
     let axis = AxisSettings {
         name: "z".to_owned(),
         models: vec![
-            Model {
-                name: "rises".to_owned(),
-                kind: Kind::Linear(Linear { offset: of(0.0), terms, slope }),
-                envelope: None,
-            },
-            Model {
-                name: "bed only".to_owned(),
-                kind: Kind::Formula(Formula { expression }),
-                envelope: None,
-            },
+            Model::new("rises".to_owned(), Kind::Linear(Linear { offset: of(0.0), terms, slope })),
+            Model::new("bed only".to_owned(), Kind::Formula(Formula { expression })),
         ],
         guard: GuardSettings {
             limit: of(40.0),
@@ -96,10 +89,22 @@ fn compensation() -> Compensation {
     let of_files =
         [Kind::Matrix(matrix.expect("a matrix")), network(Net::Radial(radial)), network(Net::Layers(layers))];
     let of_file = |kind| {
-        let model = Model { name: "file".to_owned(), kind, envelope: Some(envelope.clone()) };
+        let model = Model { envelope: Some(envelope.clone()), ..Model::new("file".to_owned(), kind) };
         AxisSettings { models: vec![model], ..axis.clone() }
     };
-    let axes = of_files.into_iter().map(of_file).chain([axis.clone(), axis.clone()]).collect();
+    let said = |signal, other, lag| Described {
+        signal: SignalId(signal),
+        threshold: 0.3,
+        stands_in: true,
+        terms: vec![Described::term(SignalId(other), lag, 0.5), Described::term(SignalId(2), None, 0.5)],
+    };
+    let stand_ins = StandIns::new(vec![said(0, 1, None), said(1, 0, half_an_hour)], 1);
+    let linear =
+        Linear { offset: of(0.0), terms: vec![term(0, Reference::Start, half_an_hour)], slope: None };
+    let watched =
+        Model { stand_ins: Some(stand_ins), ..Model::new("watched".to_owned(), Kind::Linear(linear)) };
+    let watched = AxisSettings { models: vec![watched], ..axis.clone() };
+    let axes = of_files.into_iter().map(of_file).chain([axis.clone(), watched]).collect();
     Compensation::new(machine, axes, Remembered::default())
 }
 
@@ -107,7 +112,7 @@ fn compensation() -> Compensation {
 fn a_step_allocates_nothing() {
     let mut compensation = compensation();
     let mut seen = Vec::with_capacity(6);
-    let mut taught = false;
+    let (mut taught, mut stood_in) = (false, false);
     let mut look = |at: u32| {
         let now = Moment::from_nanos(u64::from(at) * 10_000_000_000);
         let level = f64::from(u8::from(at % 50 > 10));
@@ -121,12 +126,13 @@ fn a_step_allocates_nothing() {
         let measured = at.is_multiple_of(6).then_some(Measured { error, acting: Some(of(5.0)) });
         let forget = at.is_multiple_of(700);
         let control = Control { permit, take_over, measured, forget, ..Control::default() };
-        compensation.step(&Snapshot { now, readings: &readings }, &[control; 5]);
+        compensation.step(&Snapshot::new(now, &readings), &[control; 5]);
         if at.is_multiple_of(70) {
             compensation.zero(now);
         }
         taught |= compensation.probe(3).is_some_and(|probe| probe.history().len() == 48);
         for decision in compensation.decisions() {
+            stood_in |= decision.stood_in.is_some();
             if !seen.contains(&decision.state.name()) && seen.len() < seen.capacity() {
                 seen.push(decision.state.name());
             }
@@ -135,6 +141,7 @@ fn a_step_allocates_nothing() {
     look(0);
     let allocated = allocation_counter::measure(|| (1..5000).for_each(&mut look));
     assert_eq!(allocated.count_total, 0, "{allocated:?}");
+    assert!(stood_in, "nobody stood in");
     assert!(taught, "nothing was learned");
     for state in ["active", "degraded", "holding", "ramping", "zeroed"] {
         assert!(seen.contains(&state), "{state} was not visited: {seen:?}");

@@ -1,5 +1,6 @@
 //! `isotherm check`: what a profile says, and what is wrong with it.
 
+use super::certificate::Certificate;
 use super::run::known_directory;
 use super::{ProfileArguments, gauge, load_quietly, print_json, warned};
 use crate::cli::say::{say, say_all, say_beside};
@@ -73,5 +74,8 @@ fn unlike_run(profile: &Profile) -> Vec<String> {
     let tokens = profile.web.as_ref().and_then(|web| Admission::of(web).err());
     let tokens = tokens.map(|why| format!("[web]: {why}; the page is not served without it"));
     let socket = control::too_long(&socket).map(|why| format!("{}: {why}", socket.display()));
-    tokens.into_iter().chain(socket).collect()
+    let files = profile.web.as_ref().and_then(|web| web.tls.as_ref());
+    let certificate = files.and_then(|files| Certificate::open(files).err());
+    let certificate = certificate.map(|why| format!("{why:#}: the gateway does not start without it"));
+    tokens.into_iter().chain(certificate).chain(socket).collect()
 }

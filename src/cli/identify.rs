@@ -14,14 +14,16 @@ use crate::clock::Clock;
 use isotherm_core::compensation::model::Outside;
 use isotherm_identify::applied::Applied;
 use isotherm_identify::facts::document;
+use isotherm_identify::mended::mended;
 use isotherm_identify::method::{Method, Settings};
 use isotherm_identify::report::{self, Subject};
 use isotherm_identify::setup::{Choice, ready, units, without_cz};
 use isotherm_identify::written::written;
-use isotherm_identify::{Identified, identify};
+use isotherm_identify::{Identified, identify, uses};
 use isotherm_profile::Profile;
 
 mod balls;
+mod prior;
 mod text;
 
 /// Finds the model of an axis from logs: coefficients with their uncertainty, and how it fares on days it never saw.
@@ -67,9 +69,17 @@ pub(super) struct Arguments {
     /// Inputs that stay in though they look faulty
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     keep: Vec<String>,
-    /// Time constants that are tried [default: 0s,3min,6min,12min,25min,50min,100min,200min; rbf and network: 0s,12min,50min]
+    /// Time constants that are tried [default: 0s,6min,25min,100min; ridge-lag, sparse-lag, stepwise and position:
+    /// 0s,3min,6min,12min,25min,50min,100min,200min; rbf and network: 0s,12min,50min]
     #[arg(long, value_name = "TIME", value_delimiter = ',', value_parser = humantime::parse_duration)]
     lags: Vec<Duration>,
+    /// whitened: most sensors of the model; those are chosen that leave least on runs left out
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    sensors: Option<u16>,
+    /// whitened: a model that exists, as --write or a profile has it: gains are held towards its gains instead of towards none.
+    /// For one new day of the same machine after a repair, or of a sister machine; from two days on it gains nothing
+    #[arg(long, value_name = "MODEL.toml")]
+    prior: Option<PathBuf>,
     /// Most terms of the model
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     terms: Option<u16>,
@@ -114,8 +124,11 @@ pub(super) struct Arguments {
     /// Writes a page with pictures that can be sent to anyone: one file, opened by any browser
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
+    /// Writes each run in which a faulty sensor was mended as a CSV file into this directory: as it was learnt from, and as recorded
+    #[arg(long, value_name = "DIR")]
+    mended: Option<PathBuf>,
     /// What the block says the axis does outside its envelope
-    #[arg(long, value_parser = outsides(), default_value = "warn")]
+    #[arg(long, value_parser = outsides(), default_value = "agree")]
     outside: Outside,
     /// One JSON document
     #[arg(long)]
@@ -139,6 +152,7 @@ fn methods() -> impl TypedValueParser<Value = Method> {
 
 fn outsides() -> impl TypedValueParser<Value = Outside> {
     one_of([
+        (Outside::Agree, "agree", "Follows the model as far as its two halves agree, if it has them"),
         (Outside::Warn, "warn", "Follows the model all the same"),
         (Outside::Hold, "hold", "Keeps Cz"),
         (Outside::Shrink, "shrink", "Follows it less and less"),
@@ -178,19 +192,29 @@ fn find(
         axis: arguments.axis.clone(),
         error: arguments.error.clone(),
         inputs: arguments.inputs.clone(),
+        speeds: arguments.method == Method::Whitened,
         without: arguments.without.clone(),
         keep: arguments.keep.clone(),
         resample: arguments.resample,
         position: arguments.position.clone().map(|name| (name, arguments.position_reference)),
     };
     let error = choice.error_column(profile);
-    let mut dataset = arguments.runs.read(&arguments.logs, &error, &units(profile))?;
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
+    let uses = uses::of_identify(profile, &choice, &applied);
+    let mut dataset = arguments.runs.read(&arguments.logs, &error, &units(profile), &uses)?;
     without_cz(profile, &mut dataset, &choice, &applied)?;
     let ready = ready(profile, &dataset, &choice)?;
+    if let Some(directory) = &arguments.mended {
+        for (run, text) in mended(&ready) {
+            beside.write("what was mended", &directory.join(format!("{run}.mended.csv")), text);
+        }
+    }
+    let prior = arguments.prior.as_ref().map(|path| prior::terms(path, arguments.axis.as_deref()));
     let mut settings = Settings {
         method: arguments.method,
         terms: arguments.terms.map(usize::from),
+        sensors: arguments.sensors.map(usize::from),
+        prior: prior.transpose()?,
         independent: arguments.independent,
         centres: arguments.centres,
         neurons: arguments.neurons,

@@ -1,4 +1,4 @@
-//! What long work shows meanwhile, on stderr: on a terminal a line that is redrawn, elsewhere one every five seconds.
+//! What long work shows meanwhile, on stderr: on a terminal a line that is redrawn, elsewhere one every ten seconds.
 
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -9,8 +9,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::say::say_beside;
 
-/// Where no terminal redraws it, it is said this often.
-const SAID_EVERY: Duration = Duration::from_secs(5);
+/// Where no terminal redraws it, it is said this often, and first after half of that.
+const SAID_EVERY: Duration = Duration::from_secs(10);
 const DRAWN_EVERY: Duration = Duration::from_millis(200);
 
 /// Work that is under way, until this is dropped.
@@ -46,9 +46,10 @@ impl Progress {
         let (works, is_over) = channel::<()>();
         let shown = Arc::clone(&state);
         let thread = std::thread::spawn(move || {
-            let mut spent = Duration::ZERO;
-            while is_over.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {
-                spent += every;
+            let (mut spent, mut wait) = (Duration::ZERO, every / 2);
+            while is_over.recv_timeout(wait) == Err(RecvTimeoutError::Timeout) {
+                spent += wait;
+                wait = every;
                 let what = shown.lock().unwrap_or_else(PoisonError::into_inner).clone();
                 say(format!("{what} ({})", humantime::format_duration(spent)));
             }
@@ -81,7 +82,7 @@ mod tests {
     #[test]
     fn without_a_terminal_a_line_comes_as_often_as_it_must_and_ends_with_the_work() {
         let (tell, said) = channel();
-        let every = Duration::from_millis(5);
+        let every = Duration::from_millis(10);
         let say = move |line| drop(tell.send(line));
         let progress = Progress::said(ProgressBar::hidden(), "reading", every, say);
         assert_eq!(said.recv().unwrap(), "reading (5ms)");

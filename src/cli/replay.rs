@@ -26,7 +26,7 @@ use crate::cli::say::{say_all, say_beside};
 use crate::gateway::log::{LogReader, LogRow, number};
 use isotherm_core::compensation::{Compensation, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::Micron;
-use isotherm_profile::{Profile, regular};
+use isotherm_profile::{Axis, Profile, regular};
 
 mod outputs;
 mod summary;
@@ -149,6 +149,7 @@ pub fn replay<'a>(
     let mut rows = 0u64;
     while let Some(row) = reader.next_row()? {
         if let Some(memory) = &row.begins {
+            tally.begins(profile, memory);
             compensation = from(profile, memory.clone());
         }
         for (at, axis) in &row.zeroed {
@@ -157,7 +158,7 @@ pub fn replay<'a>(
                 None => compensation.zero(*at),
             }
         }
-        let snapshot = Snapshot { now: row.now, readings: &row.readings };
+        let snapshot = Snapshot::new(row.now, &row.readings);
         if !compensation.step(&snapshot, &row.controls).anything {
             compensation.follow(&snapshot);
         }
@@ -171,8 +172,7 @@ pub fn replay<'a>(
         for axis in 0..profile.axes.len() {
             let Some(outcome) = outcome(profile, &compensation, axis, &snapshot, &row) else { continue };
             tally.axis(axis, &row, &outcome);
-            let apart = profile.axes.get(axis).is_some_and(|axis| axis.settings.intercept_slope.is_some());
-            outcome.write(&mut cells, apart, reader.has_error(axis));
+            outcome.write(&mut cells, &profile.axes[axis], reader.has_error(axis));
         }
         if let Some(table) = &mut table {
             table.write_record(&cells).context("cannot write the replayed rows")?;
@@ -194,8 +194,9 @@ fn header<R: Read>(profile: &Profile, reader: &LogReader<R>) -> Vec<String> {
     for (place, axis) in profile.axes.iter().enumerate() {
         let residual = reader.has_error(place).then_some("residual_um");
         let slope = axis.settings.intercept_slope.map(|_| "slope_um");
-        for column in ["raw_um", "cz_um", "model", "state", "acted"].into_iter().chain(slope).chain(residual)
-        {
+        let expected = axis.says_how_wrong().then_some("expected_um");
+        let more = slope.into_iter().chain(expected).chain(residual);
+        for column in ["raw_um", "cz_um", "model", "state", "acted"].into_iter().chain(more) {
             names.push(format!("{}_{column}", axis.settings.name));
         }
     }
@@ -227,14 +228,17 @@ impl Outcome<'_> {
         self.error.map(|error| error + self.decision.cz.get())
     }
 
-    fn write(&self, cells: &mut Vec<String>, with_slope: bool, with_residual: bool) {
+    fn write(&self, cells: &mut Vec<String>, axis: &Axis, with_residual: bool) {
         cells.push(self.raw.map(|raw| text(raw.get())).unwrap_or_default());
         cells.push(text(self.decision.cz.get()));
         cells.push(self.model.to_owned());
         cells.push(self.decision.state.name().to_owned());
         cells.push(self.decision.acted.to_string());
-        if with_slope {
+        if axis.settings.intercept_slope.is_some() {
             cells.push(text(self.decision.slope.get()));
+        }
+        if axis.says_how_wrong() {
+            cells.push(self.decision.expected.map(|expected| text(expected.get())).unwrap_or_default());
         }
         if with_residual {
             cells.push(self.residual().map(text).unwrap_or_default());

@@ -13,8 +13,8 @@ use crate::cli::say::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, add_without_cz};
 use isotherm_identify::drift::{Test, drift};
-use isotherm_identify::report;
 use isotherm_identify::setup::units;
+use isotherm_identify::{report, uses};
 
 mod text;
 
@@ -70,8 +70,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => None,
     };
     let unit = |name: &str| profile.as_ref().and_then(|profile| units(profile)(name));
-    let mut dataset = arguments.runs.read(&arguments.logs, "gauge_um", &unit)?;
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
+    let uses = uses::of_report(&arguments.displacement, &applied, &unit);
+    let mut dataset = arguments.runs.read(&arguments.logs, "gauge_um", &unit, &uses)?;
     let mut displacements = arguments.displacement.clone();
     add_without_cz(&mut dataset, profile.as_ref(), &mut displacements, &applied)?;
     let drifts = drift(&dataset, &displacements, arguments.test, &unit)?;

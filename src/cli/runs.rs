@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::logs::LogZone;
 use super::progress::Progress;
-use isotherm_identify::dataset::{BadLog, Dataset, Split, Units};
+use isotherm_identify::dataset::{BadLog, Dataset, Split, Units, Uses};
 
 /// How logs become runs.
 #[derive(clap::Args, Clone, Debug)]
@@ -28,12 +28,18 @@ pub(super) struct Runs {
 }
 
 impl Runs {
-    /// Reads the logs. What a gauge showed becomes the column `error`.
-    pub(super) fn read(&self, logs: &[PathBuf], error: &str, units: Units<'_>) -> Result<Dataset, BadLog> {
+    /// Reads of the logs what is used. What a gauge showed becomes the column `error`.
+    pub(super) fn read(
+        &self,
+        logs: &[PathBuf],
+        error: &str,
+        units: Units<'_>,
+        uses: Uses<'_>,
+    ) -> Result<Dataset, BadLog> {
         let _reading = Progress::begin("reading the logs");
         let zone = Some(self.zone.of_the_log());
         let split = Split { column: self.run_column.clone(), gap: self.gap, zone };
-        let mut dataset = Dataset::read(logs, &split, units)?;
+        let mut dataset = Dataset::read(logs, &split, units, uses)?;
         if let Some(gauge) = &self.gauge {
             dataset.add_gauge(gauge, (error, self.within), split.zone)?;
         }

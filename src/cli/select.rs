@@ -10,9 +10,9 @@ use super::runs::Runs;
 use crate::cli::say::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, without_cz};
-use isotherm_identify::report;
 use isotherm_identify::select::{Selected, Settings, points, select};
 use isotherm_identify::setup::Choice;
+use isotherm_identify::{report, uses};
 
 mod text;
 
@@ -80,9 +80,7 @@ fn correlation(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let mut dataset = arguments.runs.read(&arguments.logs, &arguments.error, &|_| None)?;
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
-    without_cz(&mut dataset, &arguments.error, None, None, &applied)?;
     let choice = Choice {
         error: Some(arguments.error.clone()),
         inputs: arguments.inputs.clone(),
@@ -91,6 +89,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         resample: arguments.resample,
         ..Choice::default()
     };
+    let uses = uses::of_select(&choice, &applied);
+    let mut dataset = arguments.runs.read(&arguments.logs, &arguments.error, &|_| None, &uses)?;
+    without_cz(&mut dataset, &arguments.error, None, None, &applied)?;
     let pointed = points(&dataset, &choice)?;
     let mut settings = Settings {
         groups: arguments.group.clone(),

@@ -75,9 +75,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         say!("stop with Ctrl-C")?;
         tokio::select! {
-            () = signals.next() => Ok(()),
-            error = machine.failure() => Err(error.into()),
+            () = signals.next() => {}
+            error = machine.failure() => return Err(error.into()),
         }
+        machine.stop().await?;
+        Ok(())
     })
 }
 

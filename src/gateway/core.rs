@@ -130,7 +130,7 @@ impl Core {
             self.board.look(now);
         }
         self.storage.prepare(now, &self.compensation);
-        let snapshot = Snapshot { now, readings: self.board.seen() };
+        let snapshot = Snapshot::new(now, self.board.seen());
         let stepped = self.compensation.step(&snapshot, &self.controls);
         if !stepped.anything {
             return false;
@@ -145,8 +145,9 @@ impl Core {
                     (self.arming[axis].take_over, self.arming[axis].take_over_slope) = (None, None);
                 }
                 let live_until = |model: usize| {
-                    let inputs = &dependents.inputs[axis][model];
-                    let until = inputs.iter().map(|id| self.board.usable_until(*id));
+                    let inputs = dependents.inputs[axis][model].iter();
+                    let read = inputs.filter(|id| !self.compensation.is_stood_in(axis, model, **id));
+                    let until = read.map(|id| self.board.usable_until(*id));
                     until.min().unwrap_or(Moment::END)
                 };
                 let soon = now.after(profile.axes[axis].settings.every);
@@ -212,7 +213,7 @@ impl Core {
             if self.arming[axis].armed {
                 continue;
             }
-            let snapshot = Snapshot { now, readings: self.board.seen() };
+            let snapshot = Snapshot::new(now, self.board.seen());
             let found = self.commissioning.of_axis(axis);
             let ready = *found == Finding::Fit && self.compensation.has_usable_model(axis, &snapshot);
             let beyond = self.compensation.beyond_error(axis, &snapshot);

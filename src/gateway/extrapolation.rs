@@ -4,6 +4,7 @@ use crate::observe::events::Event;
 use crate::observe::status::ExtrapolationStatus;
 use isotherm_core::compensation::model::Outside;
 use isotherm_core::compensation::{CLEARLY_INSIDE, Decision, Extrapolation};
+use isotherm_core::quantity::Micron;
 use isotherm_profile::Profile;
 
 /// By how much, in which input, and what the axis does.
@@ -25,6 +26,10 @@ pub(super) fn message(profile: &Profile, found: &Extrapolation) -> String {
         Outside::Warn => "Cz follows the model all the same".to_owned(),
         Outside::Hold => "Cz is kept".to_owned(),
         Outside::Shrink => format!("Cz is the model's times {:.2}", found.gain),
+        Outside::Agree => {
+            let (apart, share) = (found.apart.unwrap_or_default().abs().get(), found.gain * 100.0);
+            format!("the two halves of the model differ by {apart:.1} µm: {share:.0} % of its Cz is used")
+        }
     };
     format!("extrapolating: {farthest}; distance {distance:.1}, {reach:.1} is the edge; {does}")
 }
@@ -65,8 +70,10 @@ pub(super) fn status(profile: &Profile, found: &Extrapolation) -> ExtrapolationS
             Outside::Warn => "warn",
             Outside::Hold => "hold",
             Outside::Shrink => "shrink",
+            Outside::Agree => "agree",
         },
         gain: found.gain,
+        apart_um: found.apart.map(Micron::get),
         text: message(profile, found),
     }
 }
@@ -86,7 +93,7 @@ mod tests {
     /// A decision of a rig whose model was identified on a bed of 18 to 28 °C.
     fn at_the_edge(beds: &[f64]) -> Vec<std::borrow::Cow<'static, str>> {
         let mut profile = sample::profile();
-        let input = Input { signal: SignalId(0), reference: Reference::Fixed(Celsius::ZERO), lag: None };
+        let input = Input::of(SignalId(0), Reference::Fixed(Celsius::ZERO), None);
         let known = Identified { input, mean: 23.0, range: (18.0, 28.0) };
         let settings = &mut profile.axes[0].settings;
         settings.models[0].envelope = Envelope::new(vec![known], &[vec![9.0]], None, Outside::Warn).ok();
@@ -98,7 +105,7 @@ mod tests {
             now = now.after(Duration::from_secs(10));
             let good = |value: f64| if value.is_nan() { Reading::NEVER } else { Reading::good(value, now) };
             let readings = [*bed, 24.0, 1.0, 0.0].map(good);
-            compensation.step(&Snapshot { now, readings: &readings }, &control);
+            compensation.step(&Snapshot::new(now, &readings), &control);
             let decision = compensation.decision(0).unwrap();
             events.extend(event(&profile, "z", decision, &mut reported).map(|event| event.entry(now).kind));
         }
@@ -121,8 +128,13 @@ mod tests {
     fn how_far_outside_and_what_follows_is_a_sentence() {
         let profile = sample::profile();
         let beyond = |by| Some(Beyond { signal: SignalId(0), by });
-        let found =
-            |farthest, outside, gain| Extrapolation { distance: Some((4.21, 3.04)), farthest, outside, gain };
+        let found = |farthest, outside, gain| Extrapolation {
+            distance: Some((4.21, 3.04)),
+            farthest,
+            outside,
+            gain,
+            apart: Micron::new(-4.13),
+        };
         for (found, expected) in [
             (
                 found(beyond(2.3), Outside::Hold, 1.0),
@@ -137,6 +149,11 @@ mod tests {
                 found(None, Outside::Warn, 1.0),
                 "extrapolating: the inputs never stood like this to each other; distance 4.2, 3.0 is the edge; \
                  Cz follows the model all the same",
+            ),
+            (
+                found(beyond(2.3), Outside::Agree, 0.612),
+                "extrapolating: bed is 2.30 °C above its largest value; distance 4.2, 3.0 is the edge; \
+                 the two halves of the model differ by 4.1 µm: 61 % of its Cz is used",
             ),
             (
                 Extrapolation { distance: None, ..found(beyond(35.0), Outside::Warn, 1.0) },

@@ -18,7 +18,7 @@ use crate::observe::asker::Asker;
 use crate::observe::events::file::{self, Found};
 use crate::observe::events::{Entry, Event};
 use crate::observe::status::{Answer, Command, Source, Status};
-use isotherm_core::compensation::{Measured, Snapshot};
+use isotherm_core::compensation::{Measured, Refused, Snapshot};
 use isotherm_core::quantity::{Micron, Moment, time};
 use isotherm_profile::AxisId;
 
@@ -425,13 +425,18 @@ impl CommandHandle {
             let measured = Measured { error: error_of_radius, acting: Some(acting) };
             let now = shared.clock.now();
             core.board.look(now);
-            let snapshot = Snapshot { now, readings: core.board.seen() };
-            if let Err(probed) = core.compensation.would_learn(place, &snapshot, measured) {
-                let why = probed.refused.map(|why| why_refused(&shared.profile, place, why, &probed));
-                return Err(format!("{axis}: not learned from: {}", why.unwrap_or_default()));
-            }
+            let snapshot = Snapshot::new(now, core.board.seen());
+            let refused = core.compensation.would_learn(place, &snapshot, measured).err();
+            let why = refused.and_then(|probed| {
+                Some((probed.refused?, why_refused(&shared.profile, place, probed.refused?, &probed)))
+            });
+            let taken = match why {
+                None => "it is learned from at once".to_owned(),
+                Some((Refused::Doubted(_), why)) => format!("not learned from yet: {why}"),
+                Some((_, why)) => return Err(format!("{axis}: not learned from: {why}")),
+            };
             core.probing[place].measured = Some(measured);
-            Ok(format!("{axis}: {error_of_radius} with a Cz of {acting} acting; it is learned from at once"))
+            Ok(format!("{axis}: {error_of_radius} with a Cz of {acting} acting; {taken}"))
         })
         .map(Answer::Done)
     }

@@ -104,12 +104,20 @@ pub(super) fn why_refused(profile: &Profile, axis: usize, refused: Refused, prob
             let settings = &profile.axes[axis].settings;
             let most = settings.probe.map_or(Micron::ZERO, |probe| probe.max_error);
             format!(
-                "the model would be wrong by {}, more than the {most} of axis.{}.probe.max_error; measure again",
-                probed.residual.unwrap_or_default().abs(),
+                "{}, more than the {most} of axis.{}.probe.max_error; measure again",
+                wrong_by(probed),
                 settings.name
             )
         }
+        Refused::Doubted(most) => format!(
+            "{}, more than the {most} that it can have come to; measure again: it waits for a second probing that agrees",
+            wrong_by(probed)
+        ),
     }
+}
+
+fn wrong_by(probed: &Probed) -> String {
+    format!("the model would be wrong by {}", probed.residual.unwrap_or_default().abs())
 }
 
 #[cfg(test)]

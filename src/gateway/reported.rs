@@ -1,17 +1,19 @@
-//! What has been reported of the axes: each state, level and extrapolation once when it begins, and once when it ends.
+//! What has been reported of the axes: each state, level, extrapolation and stand-in once when it begins, and once when it ends.
 
 use crate::observe::events::Event;
 use isotherm_core::compensation::settings::AxisSettings;
 use isotherm_core::compensation::{AxisState, Decision, Stages};
+use isotherm_core::reading::SignalId;
 use isotherm_profile::Profile;
 
-use super::extrapolation;
+use super::{extrapolation, stand_in};
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Reported {
     state: AxisState,
     levels: Levels,
     extrapolating: bool,
+    stood_in: Option<SignalId>,
 }
 
 /// Which levels of one axis have been reported and not come to their end.
@@ -79,5 +81,6 @@ impl Reported {
         }
         self.levels.report(axis, decision, events);
         events.extend(extrapolation::event(profile, &axis.name, decision, &mut self.extrapolating));
+        events.extend(stand_in::events(profile, &axis.name, decision, &mut self.stood_in));
     }
 }

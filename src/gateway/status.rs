@@ -14,6 +14,7 @@ use super::probing::why_refused;
 use super::reported::Reported;
 use super::shared::Shared;
 use super::sign::SignMemory;
+use super::stand_in;
 use super::why::Reasons;
 use crate::clock::{Synchronised, zone};
 use crate::observe::status::{
@@ -175,6 +176,7 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
             .and_then(|model| axis.settings.models.get(model))
             .map(|model| model.name.clone()),
         raw_um: decision.raw.map(Micron::get),
+        expected_um: decision.expected.map(Micron::get),
         cz_um: decision.cz.get(),
         verified_um: verified(picture, place).map(|(cz, _)| cz.get()),
         verified_age_s: verified(picture, place).map(|(_, at)| picture.now.since(at).as_secs_f64()),
@@ -200,6 +202,8 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
             .as_ref()
             .map(|found| extrapolation::status(&shared.profile, found)),
         excess: decision.excess,
+        stood_in: (decision.stood_in.as_ref())
+            .map(|found| stand_in::status(&shared.profile, found, |at| shared.clock.stamp(at))),
     })
     .collect()
 }

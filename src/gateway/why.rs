@@ -6,8 +6,8 @@ use isotherm_profile::{Arm, Profile};
 
 use super::arming::{Arming, has_its_reference};
 use super::contact::Contact;
-use super::extrapolation;
 use super::output::{Outputs, Standing};
+use super::{extrapolation, stand_in};
 
 /// What it can be known from.
 #[derive(Clone, Copy)]
@@ -100,8 +100,9 @@ impl Reasons<'_> {
             (Permit::Off, None, None) if arming.asked.is_some() => {
                 "its devices have not all been looked at yet".to_owned()
             }
-            _ => match &decision.extrapolating {
-                Some(found) if !decision.state.is_following() => extrapolation::message(profile, found),
+            _ => match (&decision.extrapolating, &decision.stood_in) {
+                (Some(found), _) if !decision.state.is_following() => extrapolation::message(profile, found),
+                (_, Some(found)) => stand_in::message(profile, found),
                 _ => String::new(),
             },
         }
@@ -132,6 +133,7 @@ impl Reasons<'_> {
                 )
             }
             Unusable::Reference(id) => format!("the reference of {} is not captured yet", name(id)),
+            Unusable::Frozen(id) => format!("{} is frozen, and no other sensor stands in for it", name(id)),
             Unusable::MachineOff => "the machine has not been seen running yet".to_owned(),
             Unusable::NotANumber => "the model's result is not a number".to_owned(),
         }

@@ -9,9 +9,13 @@ use super::status::{AxisStatus, BusStatus, DeviceStatus, OutputStatus, SignalSta
 use isotherm_core::compensation::{AxisState, Stages};
 
 /// What each number is that goes up and down.
-const GAUGES: [(&str, &str); 23] = [
+const GAUGES: [(&str, &str); 24] = [
     ("isotherm_axis_cz_micrometers", "Compensation after the guard."),
     ("isotherm_axis_raw_micrometers", "Compensation as the model computes it."),
+    (
+        "isotherm_axis_expected_micrometers",
+        "One standard deviation of the error that is expected to be left.",
+    ),
     ("isotherm_axis_state", "1 for the state the axis is in, 0 for the others."),
     ("isotherm_axis_armed", "1 when the axis may write."),
     ("isotherm_probe_correction_micrometers", "What measured errors add to the model's compensation."),
@@ -98,6 +102,7 @@ fn record_axis(axis: &AxisStatus, of: Labels<'_>) {
     let named = of(&[("axis", &axis.name)]);
     set("isotherm_axis_cz_micrometers", &named, Some(axis.cz_um));
     set("isotherm_axis_raw_micrometers", &named, axis.raw_um);
+    set("isotherm_axis_expected_micrometers", &named, axis.expected_um);
     set("isotherm_axis_armed", &named, Some(flag(axis.armed)));
     if let Some(probe) = &axis.probe {
         set("isotherm_probe_correction_micrometers", &named, Some(probe.correction_um));

@@ -120,16 +120,23 @@ pub(super) fn wall(words: &Words, status: &Status) -> Markup {
     )
 }
 
+/// What every page begins with.
+fn heading(title: &str) -> Markup {
+    html! {
+        meta charset="utf-8";
+        meta name="viewport" content="width=device-width, initial-scale=1";
+        meta name="color-scheme" content="light dark";
+        title { (title) " · isotherm" }
+        link rel="icon" href="/page/icon.svg" type="image/svg+xml";
+    }
+}
+
 fn document(words: &Words, status: &Status, files: &Markup, body: &Markup) -> Markup {
     html! {
         (DOCTYPE)
         html lang=(words.language) {
             head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="color-scheme" content="light dark";
-                title { (title(status)) " · isotherm" }
-                link rel="icon" href="/page/icon.svg" type="image/svg+xml";
+                (heading(title(status)))
                 // Our own file, which has no `<` in it.
                 script type="application/json" id="words" { (PreEscaped(words.json)) }
                 (files)

@@ -276,6 +276,9 @@ pub struct AxisStatus {
     pub model: Option<String>,
     /// The model's Cz, µm.
     pub raw_um: Option<f64>,
+    /// What is expected to be left of the error where the model is followed: one standard deviation, µm. `None` where the
+    /// profile does not say, and outside what the model was identified on.
+    pub expected_um: Option<f64>,
     /// Cz after the guard, µm: what is wanted.
     pub cz_um: f64,
     /// Cz as last verified in its register, µm: what stands there; `None` where it was never read.
@@ -309,6 +312,8 @@ pub struct AxisStatus {
     pub extrapolating: Option<ExtrapolationStatus>,
     /// How far outside that is, as a share: above 0 outside, negative inside; `None` where the model has no region.
     pub excess: Option<f64>,
+    /// A sensor of the model in use that others stand in for.
+    pub stood_in: Option<StoodInStatus>,
 }
 
 /// What is true of an axis of a virtual machine.
@@ -400,12 +405,27 @@ pub struct ExtrapolationStatus {
     pub signal: Option<String>,
     /// By how much, in its unit; negative below the smallest.
     pub beyond: Option<f64>,
-    /// `warn`, `hold`, `shrink`.
+    /// `agree`, `warn`, `hold`, `shrink`.
     pub outside: &'static str,
     /// What the model's Cz is multiplied with.
     pub gain: f64,
+    /// What the two halves of the model differ by, µm; `None` where that is not asked.
+    pub apart_um: Option<f64>,
     /// All of it in words.
     pub text: String,
+}
+
+/// A sensor that others stand in for.
+#[derive(Clone, Debug, Serialize)]
+pub struct StoodInStatus {
+    /// Which.
+    pub signal: String,
+    /// It reads the same all the time; else it is lost.
+    pub frozen: bool,
+    /// Its reading last changed, or was last good, then.
+    pub since: String,
+    /// How many others say what it would read.
+    pub others: usize,
 }
 
 /// One signal.

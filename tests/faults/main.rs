@@ -21,6 +21,7 @@ mod rig;
 mod rtu;
 mod sealed;
 mod sets;
+mod stand_ins;
 mod stop;
 mod targets;
 mod trust;

@@ -193,3 +193,66 @@ fn a_result_that_cannot_be_read_and_a_machine_that_is_not_known_are_reported() {
     assert!(trace.lines().contains("its result could not be read"), "{}", trace.lines());
     assert!(trace.reported("probed") >= 2, "{}", trace.lines());
 }
+
+#[test]
+fn how_wrong_a_model_is_expected_to_be_is_shown_logged_and_comes_out_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let expected = "kind = \"linear\"\nexpected = { since_datum = [60.0, 0.0], since_touch = [0.0, 0.25] }";
+    let text =
+        probing("", "").replace("signal = \"probe_z\"\n", "").replacen("kind = \"linear\"", expected, 1);
+    let trace = block_on(async {
+        let mut world = World::new(&text, "").await;
+        let trial = world.gateway().options(in_directory(directory.path()));
+        let trial = trial.at(5 * MINUTE, |stage| {
+            stage.source.measured("z", Some(3.0), &somebody()).unwrap();
+        });
+        trial.run(10 * MINUTE).await
+    });
+    law::holds(&trace);
+    let shown = |from, to| trace.between(from, to).last().unwrap().status.axes[0].expected_um.unwrap();
+    // 1 µm² more each minute since the machine's start, until there was a probing.
+    assert!((shown(230, 240) - 2.0).abs() < 0.05 && (shown(290, 299) - 5_f64.sqrt()).abs() < 0.05);
+    assert!((shown(310, 320) - 0.5).abs() < 1e-9 && (shown(580, 599) - 0.5).abs() < 1e-9);
+    let log = std::fs::read_to_string(directory.path().join("bench-2026-01-05.csv")).unwrap();
+    assert!(log.lines().next().unwrap().contains(",z_correction_um,z_expected_um,"), "{log}");
+    let summary = replay(&profile(&text), log.as_bytes(), "the day", None).unwrap();
+    assert_eq!(summary.axes["z"].reproduced.as_ref().unwrap().first, None, "{summary}");
+    let mut table = Vec::new();
+    let other = text.replace("[0.0, 0.25]", "[0.0, 0.16]");
+    let summary = replay(&profile(&other), log.as_bytes(), "the day", Some(&mut table)).unwrap();
+    let first = summary.axes["z"].reproduced.as_ref().unwrap().first.clone().unwrap();
+    assert_eq!(
+        (first.column.as_str(), first.recorded.as_str(), first.replayed.as_str()),
+        ("z_expected_um", "0.5", "0.4")
+    );
+    assert!(String::from_utf8(table).unwrap().lines().next().unwrap().contains(",z_expected_um"));
+}
+
+#[test]
+fn a_probing_that_disagrees_is_told_everywhere_and_waits_for_a_second_one() {
+    let trace = block_on(async {
+        let text =
+            probing("", "").replace("signal = \"probe_z\"\n", "").replace("filter = 0.5\n", "repeat = 0.5\n");
+        let mut world = World::new(&text, "").await;
+        let send = |stage: &Stage<'_>, error| stage.source.measured("z", Some(error), &somebody()).unwrap();
+        let trial = world.gateway().at(5 * MINUTE, move |stage| {
+            let said = send(stage, 30.0);
+            assert!(said.text().contains("not learned from yet: the model would be wrong by"), "{said:?}");
+            assert!(said.text().contains("a second probing that agrees"), "{said:?}");
+        });
+        let trial = trial.at(5 * MINUTE + 3 * SECOND, move |stage| {
+            let said = send(stage, 31.0);
+            assert!(said.text().ends_with("it is learned from at once"), "{said:?}");
+        });
+        trial.run(6 * MINUTE).await
+    });
+    law::holds(&trace);
+    assert_eq!((trace.reported("probed"), trace.reported("probe-refused")), (1, 1), "{}", trace.lines());
+    let waiting = status(trace.between(301, 302).last().unwrap());
+    let refused = waiting.last.as_ref().unwrap().refused.as_ref().unwrap();
+    assert!(refused.contains("more than the") && refused.contains("measure again"), "{refused}");
+    assert!(waiting.correction_um.abs() < 1e-12, "{waiting:?}");
+    let learned = last(&trace);
+    let residual = learned.last.as_ref().unwrap().residual_um.unwrap();
+    assert!((learned.correction_um + residual).abs() < 0.02 * residual, "{learned:?}");
+}

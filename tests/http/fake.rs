@@ -173,6 +173,7 @@ pub(crate) fn status() -> Status {
             waiting: None,
             model: None,
             raw_um: None,
+            expected_um: Some(2.1),
             cz_um: 12.5,
             verified_um: Some(12.5),
             verified_age_s: Some(2.0),
@@ -185,6 +186,7 @@ pub(crate) fn status() -> Status {
             armed: true,
             probe: Some(probe()),
             extrapolating: None,
+            stood_in: None,
             excess: Some(-0.2),
         }],
         signals: vec![

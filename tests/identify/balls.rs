@@ -1,7 +1,7 @@
 //! A ball array whose machine's drift is known gives that drift back.
 
 use isotherm_identify::balls::{Terms, log, terms};
-use isotherm_identify::dataset::{BadLog, Dataset, Split};
+use isotherm_identify::dataset::{BadLog, Dataset, Split, every_column};
 use isotherm_identify::method::{Method, Settings};
 use proptest::prelude::*;
 
@@ -21,7 +21,7 @@ fn read(name: &str, text: &str) -> Result<Dataset, BadLog> {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join(name);
     std::fs::write(&path, text).unwrap();
-    Dataset::read(&[path], &Split::default(), &|_| None)
+    Dataset::read(&[path], &Split::default(), &|_| None, &every_column)
 }
 
 /// Five balls, 100 mm apart along one direction, in rounds of ten minutes, with one stylus or two.

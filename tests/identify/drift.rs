@@ -1,6 +1,6 @@
 //! What `isotherm report` says of logs whose drift is known.
 
-use isotherm_identify::dataset::{Dataset, Split};
+use isotherm_identify::dataset::{Dataset, Split, every_column};
 use isotherm_identify::drift::{Drift, Test, drift};
 
 /// A log of minute rows.
@@ -13,7 +13,7 @@ fn dataset(text: &str) -> Dataset {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("night.csv");
     std::fs::write(&path, text).unwrap();
-    Dataset::read(&[path], &Split::default(), &|_| None).unwrap()
+    Dataset::read(&[path], &Split::default(), &|_| None, &every_column).unwrap()
 }
 
 fn reported(text: &str, test: Option<Test>) -> Drift {

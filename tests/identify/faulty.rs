@@ -1,6 +1,6 @@
 use isotherm_identify::Learned;
 use isotherm_identify::faults::Repaired;
-use isotherm_identify::method::Settings;
+use isotherm_identify::method::{Method, Settings};
 
 use super::rig::{Day, Machine, Part, dataset, found, profile};
 use isotherm_identify::setup::ready;
@@ -177,8 +177,9 @@ fn a_mended_run_is_learnt_from_as_if_the_held_out_run_had_not_been_recorded() {
         let mut days = with_a_twin();
         of_day(&mut days[1]);
         let logs: Vec<String> = days.iter().map(Day::log).collect();
-        let all = found(5, &logs, &Settings::default());
-        let others = found(5, &logs[..4], &Settings::default());
+        let sparse = Settings { method: Method::SparseLag, ..Settings::default() };
+        let all = found(5, &logs, &sparse);
+        let others = found(5, &logs[..4], &sparse);
         assert_eq!((all.repaired.len(), others.repaired.len()), (1, 1));
         let Learned::Sum(held) = &all.held_out[4].learned else { panic!("a sum") };
         let Learned::Sum(learnt) = &others.learned else { panic!("a sum") };

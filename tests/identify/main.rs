@@ -12,4 +12,5 @@ mod rig;
 mod runs;
 mod stated;
 mod trained;
+mod whitened;
 mod wrong;

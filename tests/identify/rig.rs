@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use isotherm_identify::dataset::{BadLog, Dataset, Split};
+use isotherm_identify::dataset::{BadLog, Dataset, Split, every_column};
 use isotherm_identify::method::Settings;
 use isotherm_identify::setup::{Choice, Ready, ready};
 use isotherm_identify::{Identified, identify};
@@ -141,7 +141,7 @@ pub(crate) fn logs(directory: &Path, days: &[String]) -> Vec<PathBuf> {
 
 pub(crate) fn dataset(days: &[String]) -> Result<Dataset, BadLog> {
     let directory = tempfile::tempdir().unwrap();
-    Dataset::read(&logs(directory.path(), days), &Split::default(), &|_| None)
+    Dataset::read(&logs(directory.path(), days), &Split::default(), &|_| None, &every_column)
 }
 
 pub(crate) fn choice() -> Choice {

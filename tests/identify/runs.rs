@@ -85,6 +85,12 @@ fn the_block_replayed_over_a_day_it_never_saw_leaves_what_cross_validation_left(
 }
 
 #[test]
+fn so_does_the_default_but_for_the_terms_that_nobody_can_tell() {
+    let (worst, rows) = apart(&machine(60.0, 400), 5, Method::Whitened, 60);
+    assert!(worst < 0.5 && rows > 390, "{worst} µm over {rows} rows");
+}
+
+#[test]
 fn so_does_the_file_of_a_network_with_its_lagged_inputs() {
     for method in [Method::Rbf, Method::Network] {
         let (worst, rows) = apart(&machine(60.0, 240), 4, method, 60);

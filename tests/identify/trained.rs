@@ -73,7 +73,7 @@ fn a_network_has_an_envelope_and_linear_stand_ins_though_it_takes_only_lagged_in
     let found = found(3, &logs(&days), &settings);
     assert_eq!(found.network.as_deref(), Some("radial-basis network of 40 nodes"));
     assert_eq!(found.fallbacks.len(), 3);
-    assert!(found.fallbacks.iter().all(|fallback| fallback.method == "sparse-lag"));
+    assert!(found.fallbacks.iter().all(|fallback| fallback.method == "whitened"));
     let block = written(&found, "z", Outside::Warn);
     assert!(block.block.contains("{ signal = \"s1\", lag = \"10m\" },"), "{}", block.block);
     let files: Vec<&str> = block.files.iter().map(|(name, _)| name.as_str()).collect();

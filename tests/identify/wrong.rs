@@ -43,14 +43,6 @@ fn an_error_column_that_is_not_there_is_answered_with_the_nearest() {
 }
 
 #[test]
-fn one_run_alone_cannot_be_validated() {
-    says(
-        &refused(2, &logs()[..1], &choice()),
-        &["one run only, day0", "another day", "--run-column", "--gap 1h"],
-    );
-}
-
-#[test]
 fn fahrenheit_is_reported_by_its_numbers() {
     let logs = each(|log| cells(&cells(log, 1, |c| c * 1.8 + 32.0), 2, |c| c * 1.8 + 32.0));
     says(&refused(2, &logs, &choice()), &["°F", "(F − 32) / 1.8"]);

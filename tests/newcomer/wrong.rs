@@ -120,8 +120,7 @@ fn what_cannot_be_learnt_from_is_reported_by_identify_and_select() {
         rows.iter_mut().for_each(|row| row[1..4].iter_mut().for_each(|value| *value = *value * 1.8 + 32.0));
         written(&HEADER, &rows)
     };
-    let cases: [(Logs, &[&str]); 6] = [
-        (vec![("one.csv", day(1))], &["there is one run only, one", "record another day"]),
+    let cases: [(Logs, &[&str]); 5] = [
         (of(fahrenheit), &["°F", "(F − 32) / 1.8"]),
         (of(|number| with_column(number, 5, |_| 1.0)), &["z_error_um stands still in every run"]),
         (of(|number| with_column(number, 0, |second| second / 60.0)), &["name the column time_min"]),
@@ -144,6 +143,18 @@ fn what_cannot_be_learnt_from_is_reported_by_identify_and_select() {
     let logs = [("one.csv", few(1)), ("two.csv", few(2))];
     let answer = identify(home.path(), PROFILE, &logs, &["--method", "ols", "--keep", "bearing,oil,post"]);
     assert!(answer.said.contains("terms cannot be learnt from"), "{}", answer.said);
+}
+
+#[test]
+fn one_run_gives_a_model_that_says_what_it_is_worth_and_nothing_to_select_from() {
+    let home = tempfile::tempdir().unwrap();
+    let logs = [("one.csv", day(1))];
+    let answer = identify(home.path(), PROFILE, &logs, &[]);
+    assert_eq!(answer.code, Some(0), "{}", answer.said);
+    assert!(answer.out.contains("nothing could be held out"), "{}", answer.out);
+    let answer = asked(home.path(), &["select", "--error", "z_error_um"], &logs, &[]);
+    assert_eq!(answer.code, Some(1), "{}", answer.said);
+    assert!(answer.said.contains("there is one run only, one") && answer.said.contains("record another day"));
 }
 
 #[test]

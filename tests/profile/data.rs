@@ -266,7 +266,101 @@ fn an_envelope_belongs_to_any_model_and_says_what_happens_outside() {
         refused_at(linear, &[("e.json", file.as_bytes())], ".envelope", &["e.json: ", words]);
     }
     let file: &[File<'_>] = &[("e.json", ENVELOPE.as_bytes())];
-    refused_at(&linear.replace("outside = \"shrink\"", ""), file, ".outside", &["`outside` is missing"]);
     refused_at(&linear.replace("envelope = \"e.json\"", ""), file, ".outside", &["no envelope"]);
-    refused_at(&linear.replace("shrink", "stop"), file, ".outside", &["allowed: warn, hold, shrink"]);
+    refused_at(&linear.replace("shrink", "stop"), file, ".outside", &["allowed: agree, warn, hold, shrink"]);
+}
+
+const HALVES: &str = r#"{ "format": "isotherm-halves", "version": 1, "terms": [
+  { "signal": "bed", "lag_s": 360, "ridge": 2, "net": 2.8 }, { "signal": "wheelhead", "lag_s": 0, "ridge": 1, "net": 1 } ] }"#;
+const HALVED: &str = "kind = \"linear\"\nterms = [ { signal = \"bed\", gain = 2.4, reference = 0.0, lag = \"6min\" }, \
+    { signal = \"wheelhead\", gain = 1, reference = 0.0 } ]\nenvelope = \"e.json\"\nhalves = \"h.json\"";
+
+#[test]
+fn outside_its_envelope_a_model_with_halves_agrees_with_itself_and_one_without_only_warns() {
+    let files: [File<'_>; 2] = [("e.json", ENVELOPE.as_bytes()), ("h.json", HALVES.as_bytes())];
+    let outside = |keys: &str| {
+        let loaded = machine(keys, &files).unwrap();
+        let envelope = loaded.profile.axes[0].settings.models[0].envelope.as_ref().unwrap();
+        (envelope.outside(), envelope.apart().len(), reported(&loaded))
+    };
+    let (found, apart, reported) = outside(HALVED);
+    assert_eq!((found, apart), (Outside::Agree, 2));
+    assert!(
+        reported.contains("outside Cz is taken as far as the two halves of the model agree"),
+        "{reported}"
+    );
+    assert_eq!(outside(&format!("{HALVED}\noutside = \"agree\"")).0, Outside::Agree);
+    assert_eq!(outside(&format!("{HALVED}\noutside = \"hold\"")).0, Outside::Hold);
+    let without = HALVED.replace("halves = \"h.json\"", "");
+    assert_eq!((outside(&without).0, outside(&without).1), (Outside::Warn, 0));
+    assert_eq!(outside(&format!("{without}\noutside = \"agree\"")).0, Outside::Warn);
+}
+
+#[test]
+fn halves_of_another_model_are_refused_with_the_term() {
+    for (from, to, words) in [
+        (
+            "2.8",
+            "2.9",
+            "another model: its term 1 is bed with a gain of 2.4, and the mean of the halves is 2.45 here",
+        ),
+        ("360", "0", "another model: its term 1 is bed with a lag of 6m, and bed with 0 s here"),
+        ("wheelhead", "scale_z", "its term 2 is wheelhead with a lag of 0s, and scale_z with 0 s here"),
+        (
+            ", { \"signal\": \"wheelhead\", \"lag_s\": 0, \"ridge\": 1, \"net\": 1 }",
+            "",
+            "1 terms here, 2 there",
+        ),
+        ("\"version\": 1", "\"version\": 2", "this program reads version 1"),
+        ("isotherm-halves", "isotherm-envelope", "\"isotherm-halves\" is wanted here"),
+        ("\"net\": 1", "\"net\": 1, \"other\": 1", "unknown field `other`"),
+    ] {
+        assert!(HALVES.contains(from), "{from}");
+        let file = HALVES.replace(from, to);
+        let files: [File<'_>; 2] = [("e.json", ENVELOPE.as_bytes()), ("h.json", file.as_bytes())];
+        refused_at(HALVED, &files, ".halves", &["h.json: ", words]);
+    }
+    let files: [File<'_>; 2] = [("e.json", ENVELOPE.as_bytes()), ("h.json", HALVES.as_bytes())];
+    refused_at(&HALVED.replace("envelope = \"e.json\"", ""), &files, ".halves", &["no envelope"]);
+    let slope = "slope = { position = \"scale_z\", reference = 0.0, terms = [ { signal = \"bed\", gain = 0.01, reference = 0.0 } ] }";
+    refused_at(&format!("{HALVED}\n{slope}"), &files, ".halves", &["only a linear model without a slope"]);
+}
+
+const STAND_INS: &str = r#"{ "format": "isotherm-stand-ins", "version": 1, "sensors": [
+  { "signal": "bed", "threshold": 0.31, "stands_in": true, "terms": [{ "signal": "wheelhead", "lag_s": 360, "gain": 0.4 }] },
+  { "signal": "wheelhead", "threshold": 0.2, "stands_in": false, "terms": [{ "signal": "bed", "lag_s": 0, "gain": 1.1 }] } ] }"#;
+const WATCHED: &str = "kind = \"linear\"\nterms = [ { signal = \"bed\", gain = 2.4, reference = 0.0 } ]\nstand_ins = \"s.json\"";
+
+#[test]
+fn stand_ins_say_who_is_watched_and_for_whom_others_stand_in() {
+    let watched = |text: &str| machine(WATCHED, &[("s.json", text.as_bytes())]).unwrap();
+    let loaded = watched(STAND_INS);
+    let of = |loaded: &Loaded| loaded.profile.axes[0].settings.models[0].stand_ins.clone().unwrap();
+    assert_eq!(of(&loaded).watched().map(|(_, stands_in)| stands_in).collect::<Vec<_>>(), [true, false]);
+    let words = "2 sensors are watched for standing still; others stand in for bed; nobody can for wheelhead";
+    assert!(reported(&loaded).contains(words), "{}", reported(&loaded));
+    assert_eq!(of(&loaded), of(&watched(STAND_INS)), "the same file is the same");
+    let other = of(&watched(&STAND_INS.replace("0.31", "0.32")));
+    assert_ne!(of(&loaded).fingerprint(), other.fingerprint());
+    for (from, to, words) in [
+        (
+            "\"wheelhead\", \"lag_s\": 360",
+            "\"wheelhed\", \"lag_s\": 360",
+            "no signal `wheelhed`; did you mean `wheelhead`?",
+        ),
+        ("\"wheelhead\", \"lag_s\": 360", "\"bed\", \"lag_s\": 360", "bed: it cannot stand in for itself"),
+        ("\"wheelhead\", \"threshold\"", "\"bed\", \"threshold\"", "bed is in it twice"),
+        ("0.31", "0", "bed: its threshold must be above 0 °C"),
+        ("360", "-1", "bed: a lag of -1 s is not between 0 and a week"),
+        ("360", "1e9", "is not between 0 and a week"),
+        ("[{ \"signal\": \"bed\", \"lag_s\": 0, \"gain\": 1.1 }]", "[]", "wheelhead: it has 0 terms"),
+        ("\"gain\": 1.1", "\"gain\": \"1.1\"", "invalid type"),
+        ("isotherm-stand-ins", "isotherm-halves", "\"isotherm-stand-ins\" is wanted here"),
+        ("\"version\": 1", "\"version\": 2", "this program reads version 1"),
+    ] {
+        assert!(STAND_INS.contains(from), "{from}");
+        let file = STAND_INS.replace(from, to);
+        refused_at(WATCHED, &[("s.json", file.as_bytes())], ".stand_ins", &["s.json: ", words]);
+    }
+    refused_at(WATCHED, &[], ".stand_ins", &["s.json"]);
 }

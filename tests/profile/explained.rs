@@ -118,6 +118,24 @@ fn an_operators_register_is_explained_as_his() {
 }
 
 #[test]
+fn of_a_sum_too_long_to_be_read_each_signal_is_told_at_once_and_in_the_steady_state() {
+    let term = "{ signal = \"bed\", gain = 2.4, reference = 20.0 },";
+    let lagged: Vec<String> = (1..=12)
+        .map(|hours| format!("{{ signal = \"bed\", gain = 0.1, reference = 20.0, lag = \"{hours}h\" }},"))
+        .collect();
+    let machine = with(term, &format!("{term}\n{}", lagged.join("\n"))).unwrap().profile;
+    let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
+    for words in [
+        "Cz = the sum of 14 terms",
+        "bed: +2.4 µm/°C at once, +3.6 µm/°C in the steady state",
+        "wheelhead: +3.45 µm/°C at once, +3.45 µm/°C in the steady state",
+    ] {
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
+    }
+    assert!(!reported.contains("63 % of it"), "{reported}");
+}
+
+#[test]
 fn of_several_lags_of_one_signal_the_sum_is_reported_because_one_may_point_the_other_way() {
     let term = "{ signal = \"bed\", gain = 2.4, reference = 20.0 },";
     let slow = "{ signal = \"bed\", gain = 3.5, reference = 20.0 }, { signal = \"bed\", gain = -1.1, reference = 20.0, lag = \"1h\" },";

@@ -10,6 +10,7 @@ mod contradictions;
 mod counters;
 mod data;
 mod doubts;
+mod expected;
 mod explained;
 mod late;
 mod layers;

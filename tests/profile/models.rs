@@ -193,3 +193,26 @@ fn an_axis_without_a_model_yet_is_taken_with_one_word_about_it() {
     assert!(explained.contains("no model yet"), "{explained}");
     assert!(!isotherm_profile::schema()["$defs"]["Axis"]["required"].to_string().contains("model"));
 }
+
+#[test]
+fn a_term_may_take_the_square_of_its_signal_and_no_other_power() {
+    let squared =
+        with("gain = 2.4, reference = 20.0", "gain = 2e-3, reference = 20.0, power = 2, lag = \"25min\"")
+            .unwrap();
+    let Kind::Linear(linear) = &squared.profile.axes[0].settings.models[0].kind else { panic!("linear") };
+    assert!(linear.terms[0].input.squared && !linear.terms[1].input.squared);
+    let reported = isotherm_profile::preview::Preview::of(&squared.profile).to_string();
+    for words in [
+        "0.002·(bed² − 400) lagged by 25m",
+        "when bed goes from 0 to 1000 °C",
+        "its square changes Cz by +2000 µm",
+    ] {
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
+    }
+    let plain = with("gain = 2.4", "gain = 2.4, power = 1").unwrap();
+    assert_eq!(plain.profile.axes, with("gain = 2.4", "gain = 2.4").unwrap().profile.axes);
+    let at = "axis.z.model[0].terms[0].power";
+    refused("gain = 2.4", "gain = 2.4, power = 3", at, "3", &["a power of 3", "power = 2"]);
+    refused("gain = 2.4", "gain = 2.4, power = 0", at, "0", &["a power of 0"]);
+    refused("gain = 2.4", "gain = 2.4, power = 1.5", at, "1.5", &["number"]);
+}

@@ -1,5 +1,7 @@
 //! `[axis.*.probe]`: what it becomes, and what is wrong with one.
 
+use isotherm_core::compensation::settings::Filter;
+
 use super::*;
 
 /// The grinder with a probing cycle in its CNC.
@@ -40,7 +42,8 @@ fn a_probe_becomes_final_types_and_is_explained_in_words() {
     assert_eq!(loaded.warnings, []);
     let machine = loaded.profile;
     let (settings, input) = (machine.axes[0].settings.probe.unwrap(), machine.axes[0].probe_input.unwrap());
-    assert_eq!((settings.limit.get(), settings.filter, settings.max_error.get()), (10.0, 0.5, 25.0));
+    assert_eq!((settings.limit.get(), settings.max_error.get()), (10.0, 25.0));
+    assert_eq!(settings.filter, Filter::Share(0.5));
     assert_eq!(settings.warn.map(|warn| warn.get()), Some(5.0));
     assert_eq!(settings.gains.map(|gains| (gains.forgetting, gains.limit)), Some((0.98, 0.2)));
     assert_eq!((input.signal.0, input.trigger.map(|id| id.0), input.micron), (7, Some(8), 1000.0));
@@ -50,6 +53,30 @@ fn a_probe_becomes_final_types_and_is_explained_in_words() {
         "a positive one lowers the model's Cz by 0.5 of it, in all by at most 10 µm",
         "beyond ±5 µm it warns; the gains of linear models learn by up to ±20.000 % each",
     ] {
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
+    }
+}
+
+#[test]
+fn a_probing_is_weighed_unless_the_profile_names_a_share() {
+    for (written, filter, words) in [
+        (
+            "",
+            Filter::Weighed { repeat: 0.5, walk: 4.0 },
+            "each probing by ±0.5 µm, the correction by 4 µm² more each hour",
+        ),
+        ("repeat = 0.2\n", Filter::Weighed { repeat: 0.2, walk: 4.0 }, "each probing by ±0.2 µm"),
+        (
+            "q = 0.81\n",
+            Filter::Weighed { repeat: 0.5, walk: 0.81 },
+            "the correction by 0.81 µm² more each hour",
+        ),
+        ("filter = 1.0\n", Filter::Share(1.0), "by 1 of it"),
+    ] {
+        let text = probed(&WHOLE.replacen("filter = 0.5\n", written, 1));
+        let machine = parse(&text).unwrap_or_else(|errors| panic!("{errors}")).profile;
+        assert_eq!(machine.axes[0].settings.probe.unwrap().filter, filter);
+        let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
 }
@@ -75,6 +102,11 @@ fn each_mistake_is_reported_at_its_place() {
         ("filter = 0.5", "filter = 1.5", "filter", "1.5", "above 0 and up to 1"),
         ("filter = 0.5", "filter = 0.0", "filter", "0.0", "above 0 and up to 1"),
         ("filter = 0.5", "filter = \"half\"", "filter", "\"half\"", "a number is wanted here"),
+        ("filter = 0.5", "repeat = 0.0", "repeat", "0.0", "not above zero"),
+        ("filter = 0.5", "repeat = \"1 um\"", "repeat", "\"1 um\"", "a number is wanted here"),
+        ("filter = 0.5", "q = -4.0", "q", "-4.0", "not above zero"),
+        ("filter = 0.5", "filter = 0.5\nrepeat = 0.3", "repeat", "repeat", "remove `filter`"),
+        ("filter = 0.5", "filter = 0.5\nq = 0.3", "q", "q", "remove `filter`"),
         ("max_error = 25.0", "max_error = -1.0", "max_error", "-1.0", "not above zero"),
         ("warn = 5.0", "warn = 26.0", "warn", "26.0", "beyond the max_error of 25 µm"),
         ("warn = 5.0", "warm = 5.0", "warm", "warm", "did you mean `warn`?"),
@@ -96,7 +128,7 @@ fn what_is_missing_is_reported_and_all_at_once() {
     let found = errors(parse(&probed("trigger = \"probed\"\ngains = {}\n")));
     let mut keys: Vec<&str> = found.iter().map(|error| error.key.as_str()).collect();
     keys.sort_unstable();
-    let wanted = ["filter", "gains.forgetting", "gains.limit", "limit", "max_error", "signal"];
+    let wanted = ["gains.forgetting", "gains.limit", "limit", "max_error", "signal"];
     assert_eq!(keys, wanted.map(|key| format!("axis.z.probe.{key}")), "{}", Errors(found.clone()));
 }
 

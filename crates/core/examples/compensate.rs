@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let now = Moment::default().after(SECOND * second);
         let readings = readings(second, now);
         // A step in between two updates of the axis changes nothing.
-        let stepped = compensation.step(&Snapshot { now, readings: &readings }, &[control]);
+        let stepped = compensation.step(&Snapshot::new(now, &readings), &[control]);
         control.take_over = None;
         let Some(decision) = compensation.decision(0).filter(|_| stepped.anything && second % 120 == 0)
         else {
@@ -61,16 +61,12 @@ fn main() -> Result<(), Box<dyn Error>> {
 /// `Cz = 2.4 · (bed − wheelhead)`, in steps of at most 1 µm every ten seconds.
 fn axis() -> Result<AxisSettings, Box<dyn Error>> {
     let gain = MicronPerCelsius::try_from(2.4)?;
-    let term = |signal, gain| Term {
-        input: Input { signal, reference: Reference::Fixed(Celsius::ZERO), lag: None },
-        gain,
-    };
+    let term = |signal, gain| Term { input: Input::of(signal, Reference::Fixed(Celsius::ZERO), None), gain };
     let terms = vec![term(BED, gain), term(WHEELHEAD, -gain)];
-    let difference = Model {
-        name: "difference".to_owned(),
-        kind: Kind::Linear(Linear { offset: Micron::ZERO, terms, slope: None }),
-        envelope: None,
-    };
+    let difference = Model::new(
+        "difference".to_owned(),
+        Kind::Linear(Linear { offset: Micron::ZERO, terms, slope: None }),
+    );
     Ok(AxisSettings {
         name: "z".to_owned(),
         models: vec![difference],

@@ -27,6 +27,7 @@ mod guard;
 mod probe;
 mod remembered;
 mod running;
+mod stand_in;
 mod state;
 
 pub use guard::Stages;
@@ -34,12 +35,14 @@ pub use model::{CLEARLY_INSIDE, Extrapolation, Unusable};
 pub use probe::{Measured, Probe, Probed, Refused, Residual};
 pub use remembered::{AxisRemembered, Remembered, Stop};
 pub use running::AxisRunning;
+pub use stand_in::StoodIn;
 pub use state::AxisState;
 
 use axis::Axis;
 use model::Model;
 use reference::{Machine, Noticed, Reference};
 use settings::{AxisSettings, MachineSettings};
+use stand_in::Instead;
 
 /// The machine at one moment: one reading per signal of the profile, already aged.
 #[derive(Clone, Copy, Debug)]
@@ -48,12 +51,27 @@ pub struct Snapshot<'a> {
     pub now: Moment,
     /// By [`SignalId`].
     pub readings: &'a [Reading],
+    /// What is used instead of readings: others stand in for those sensors.
+    instead: &'a [Instead],
 }
 
-impl Snapshot<'_> {
+impl<'a> Snapshot<'a> {
+    /// These readings at this moment.
+    pub fn new(now: Moment, readings: &'a [Reading]) -> Snapshot<'a> {
+        Snapshot { now, readings, instead: &[] }
+    }
+
     /// The value of a signal, if it may be used.
     pub fn value(&self, id: SignalId) -> Option<f64> {
-        self.readings.get(id.0)?.usable()
+        match self.instead_of(id) {
+            Some(instead) => instead.value,
+            None => self.readings.get(id.0)?.usable(),
+        }
+    }
+
+    /// What is used instead of this sensor.
+    fn instead_of(&self, id: SignalId) -> Option<&'a Instead> {
+        self.instead.iter().find(|instead| instead.signal == id)
     }
 
     /// The value of a signal that is the position of an axis, if it may be used.
@@ -135,6 +153,10 @@ pub struct Decision {
     pub at: Moment,
     /// The model's Cz with its correction, before the guard.
     pub raw: Option<Micron>,
+    /// What is expected to be left of the error where that acts: one standard deviation. `None` where it is not known, and
+    /// outside what the model was identified on.
+    #[serde(default)]
+    pub expected: Option<Micron>,
     /// What probings have added to the model's own Cz.
     #[serde(default)]
     pub correction: Micron,
@@ -151,6 +173,9 @@ pub struct Decision {
     pub acted: Stages,
     /// What the preferred model lacks.
     pub lacks: Option<Unusable>,
+    /// A sensor of the model in use that others stand in for.
+    #[serde(default)]
+    pub stood_in: Option<StoodIn>,
     /// A model asked for more than the error level: the axis runs its fault action and waits to be armed again.
     pub tripped: bool,
     /// How far the machine is from what the model in use was identified on; `None` inside.
@@ -258,6 +283,11 @@ impl Compensation {
     pub fn model_value(&self, axis: usize, snapshot: &Snapshot<'_>) -> Option<(usize, Micron)> {
         let chosen = self.axes.get(axis)?.choose(snapshot, &self.machine).0?;
         Some((chosen.model, chosen.raw))
+    }
+
+    /// Whether others stand in for this signal of this model of an axis.
+    pub fn is_stood_in(&self, axis: usize, model: usize, signal: SignalId) -> bool {
+        self.axes.get(axis).is_some_and(|axis| axis.is_stood_in(model, signal))
     }
 
     /// What the model asks for now, where that lies beyond the axis's error level.

@@ -95,8 +95,11 @@ pub fn decimals(value: f64, places: usize) -> String {
 
 /// As many decimals as three digits need.
 pub fn three_digits(value: f64) -> String {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 6 decimals")]
-    let places = (2.0 - value.abs().max(1e-9).log10().floor()).clamp(0.0, 6.0) as usize;
+    // Gains per rpm² are as small as 1e-8.
+    const LEAST: f64 = 1e-10;
+    let size = if value.abs() < LEAST { 1e-4 } else { value.abs() };
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 12 decimals")]
+    let places = (2.0 - size.log10().floor()).clamp(0.0, 12.0) as usize;
     decimals(value, places)
 }
 

@@ -54,14 +54,17 @@ struct Figures {
 /// The temperature that is named for the air around the machine; else one that behaves like it.
 pub(crate) fn ambient_column(dataset: &Dataset, like: &[Finding]) -> Option<usize> {
     let name = |place: usize| dataset.columns[place].name.as_str();
-    let is_named = |place: &usize| {
-        let name = name(*place).to_lowercase();
-        let mut words = name.split(|letter: char| !letter.is_alphabetic());
-        words.any(|word| ["ambient", "air", "room", "hall", "shop", "environment"].contains(&word))
-    };
+    let is_named = |place: &usize| is_named_for_the_air(name(*place));
     let behaves = |place: &usize| like.iter().any(|like| like.signal == name(*place));
     let mut temperatures = dataset.of_kind(Kind::Temperature);
     temperatures.find(is_named).or_else(|| dataset.of_kind(Kind::Temperature).find(behaves))
+}
+
+/// Whether this is a name for the air around the machine.
+pub(crate) fn is_named_for_the_air(name: &str) -> bool {
+    let name = name.to_lowercase();
+    let mut words = name.split(|letter: char| !letter.is_alphabetic());
+    words.any(|word| ["ambient", "air", "room", "hall", "shop", "environment"].contains(&word))
 }
 
 /// Those of these columns that behave like the air; none where no speed ever starts.

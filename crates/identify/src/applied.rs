@@ -24,6 +24,11 @@ impl Applied {
     pub fn named(text: &str) -> Applied {
         if text == "none" { Applied::Nothing } else { Applied::Column(text.to_owned()) }
     }
+
+    /// Whether it is this column.
+    pub(crate) fn names(&self, column: &str) -> bool {
+        matches!(self, Applied::Column(name) if name == column)
+    }
 }
 
 /// Whether the outputs of an axis move the machine, as far as its profile knows; one that only corrects a DRO (readout)

@@ -17,6 +17,7 @@ use crate::campaign::{Campaign, Target};
 use crate::gram::Gram;
 use isotherm_core::compensation::model::{Input, Inputs, Lag, Reference, Unusable};
 use isotherm_core::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
+use isotherm_core::quantity::Celsius;
 
 /// Time constants that are tried: none, 3, 6, 12, 25, 50, 100 and 200 minutes.
 pub(crate) const LAGS_MIN: [u32; 8] = [0, 3, 6, 12, 25, 50, 100, 200];
@@ -33,8 +34,19 @@ pub struct Candidate {
     pub input: usize,
     /// Time constant; `None`: the rise itself.
     pub lag: Option<Duration>,
+    /// The square of what is read counts.
+    pub squared: bool,
     /// Multiplied with the distance from the campaign's reference position: a term of the slope, mm·°C.
     pub along: bool,
+}
+
+/// Which rows of a log.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Rows {
+    /// Those in which the error is there.
+    WithError,
+    /// All; where the error is missing the target is NaN.
+    Every,
 }
 
 /// Every candidate over every run.
@@ -42,6 +54,8 @@ pub struct Candidate {
 pub(crate) struct Bank {
     /// The columns.
     pub(crate) candidates: Vec<Candidate>,
+    /// By input of the campaign.
+    pub(crate) is_speed: Vec<bool>,
     /// In the order of the dataset.
     pub(crate) runs: Vec<Traced>,
 }
@@ -58,19 +72,51 @@ pub(crate) struct Traced {
     pub(crate) rises: DMatrix<f64>,
 }
 
+impl Candidate {
+    pub(crate) fn new(input: usize, lag: Option<Duration>) -> Candidate {
+        Candidate { input, lag, squared: false, along: false }
+    }
+}
+
 impl Bank {
+    /// Every temperature through these lags; every speed and its square through those that are none at once: a spindle
+    /// warms nothing at once.
+    pub(crate) fn with_speeds(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Bank {
+        let of_input = |input: usize| {
+            let own = lags.iter().map(move |lag| Candidate::new(input, *lag));
+            if !campaign.inputs[input].is_speed() {
+                return own.collect::<Vec<Candidate>>();
+            }
+            let late = own.filter(|candidate| candidate.lag.is_some());
+            late.flat_map(|plain| [plain, Candidate { squared: true, ..plain }]).collect()
+        };
+        Bank::new(campaign, (0..campaign.inputs.len()).flat_map(of_input).collect())
+    }
+
+    /// Every temperature through these lags.
+    pub(crate) fn of_temperatures(campaign: &Campaign<'_>, lags: &[Option<Duration>], rows: Rows) -> Bank {
+        let inputs = (0..campaign.inputs.len()).filter(|input| !campaign.inputs[*input].is_speed());
+        let all = |input| lags.iter().map(move |lag| Candidate::new(input, *lag));
+        Bank::with(campaign, inputs.flat_map(all).collect(), rows)
+    }
+
     /// Every input through these lags.
     pub(crate) fn of(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Bank {
         let inputs = 0..campaign.inputs.len();
-        let all = |input| lags.iter().map(move |lag| Candidate { input, lag: *lag, along: false });
+        let all = |input| lags.iter().map(move |lag| Candidate::new(input, *lag));
         Bank::new(campaign, inputs.flat_map(all).collect())
     }
 
     /// These candidates.
     pub(crate) fn new(campaign: &Campaign<'_>, candidates: Vec<Candidate>) -> Bank {
+        Bank::with(campaign, candidates, Rows::WithError)
+    }
+
+    /// These candidates, over these rows.
+    pub(crate) fn with(campaign: &Campaign<'_>, candidates: Vec<Candidate>, rows: Rows) -> Bank {
         let places = 0..campaign.dataset.runs.len();
-        let runs = places.into_par_iter().map(|place| trace(campaign, place, &candidates)).collect();
-        Bank { candidates, runs }
+        let runs = places.into_par_iter().map(|place| trace(campaign, place, &candidates, rows)).collect();
+        Bank { candidates, is_speed: campaign.inputs.iter().map(|input| input.is_speed()).collect(), runs }
     }
 
     /// The place of a candidate's column.
@@ -80,7 +126,7 @@ impl Bank {
 
     /// The column of an input without a lag.
     pub(crate) fn plain(&self, input: usize) -> Option<usize> {
-        self.column(&Candidate { input, lag: None, along: false })
+        self.column(&Candidate::new(input, None))
     }
 
     /// The rises of a column, over the rows of all runs.
@@ -113,7 +159,12 @@ impl Bank {
 
     /// The products of each run.
     pub(crate) fn grams(&self) -> Vec<Gram> {
-        self.runs.par_iter().map(|run| Gram::of(&run.rises, &run.target)).collect()
+        self.runs_in_parallel(|run| Gram::of(&run.rises, &run.target))
+    }
+
+    /// In the order of the runs.
+    pub(crate) fn runs_in_parallel<T: Send>(&self, of: impl Fn(&Traced) -> T + Sync + Send) -> Vec<T> {
+        self.runs.par_iter().map(of).collect()
     }
 }
 
@@ -125,7 +176,7 @@ impl Traced {
 }
 
 /// One run through the gateway's own references and lags.
-pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate]) -> Traced {
+pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate], wanted: Rows) -> Traced {
     let run = &campaign.dataset.runs[run];
     let targets = campaign.targets(run);
     let inputs: Vec<Input> = candidates.iter().map(|candidate| input(campaign, candidate)).collect();
@@ -140,10 +191,10 @@ pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate
     let mut windows: Vec<(u128, f64, Vec<f64>)> = Vec::new();
     for ((row, now), Target { cz, since }) in run.times.iter().copied().enumerate().zip(targets) {
         campaign.readings(run, row, now, &mut readings);
-        let snapshot = Snapshot { now, readings: &readings };
+        let snapshot = Snapshot::new(now, &readings);
         compensation.step(&snapshot, &controls);
         let machine = compensation.machine();
-        let known = Inputs { snapshot: &snapshot, machine, lags: &[], splits_slope: false };
+        let known = Inputs { snapshot, machine, lags: &[], splits_slope: false };
         let distance = campaign.position.as_ref().map(|position| {
             snapshot.value(position.input.signal).map_or(f64::NAN, |place| place - position.reference)
         });
@@ -159,7 +210,7 @@ pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate
             let first = visits.entry(since).or_insert_with(|| rises.clone());
             rises.iter_mut().zip(first).for_each(|(rise, first)| *rise -= *first);
         }
-        if !cz.is_finite() || !rises.iter().all(|rise| rise.is_finite()) {
+        if wanted == Rows::WithError && !cz.is_finite() || !rises.iter().all(|rise| rise.is_finite()) {
             continue;
         }
         let passed = now.since(first);
@@ -182,9 +233,11 @@ pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate
     }
 }
 
+/// A temperature counts from the start, a speed from standing still.
 fn input(campaign: &Campaign<'_>, candidate: &Candidate) -> Input {
-    let signal = campaign.inputs[candidate.input].signal;
-    Input { signal, reference: Reference::Start, lag: candidate.lag }
+    let own = &campaign.inputs[candidate.input];
+    let reference = if own.is_speed() { Reference::Fixed(Celsius::ZERO) } else { Reference::Start };
+    Input { squared: candidate.squared, ..Input::of(own.signal, reference, candidate.lag) }
 }
 
 /// NaN where the signal cannot be used; zero while its reference settles.

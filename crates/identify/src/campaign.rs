@@ -51,6 +51,13 @@ pub(crate) struct Input {
     pub(crate) unit: Unit,
 }
 
+impl Input {
+    /// How fast a spindle turns, or is to turn.
+    pub(crate) fn is_speed(&self) -> bool {
+        self.unit.0 == "rpm"
+    }
+}
+
 /// The signal that says where the axis is.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Position {

@@ -18,14 +18,17 @@ const LONGEST_AT_ONE_PLACE: f64 = 1.0;
 const STANDS_STILL: f64 = 1e-6;
 
 pub(super) fn check_runs(dataset: &Dataset, wrong: &mut Vec<String>) {
-    if let [only] = dataset.runs.as_slice() {
-        wrong.push(format!(
-            "there is one run only, {}: a model must be judged on a run that it never saw; record another day, or \
-             split this log with --run-column COLUMN or --gap 1h",
-            only.name
-        ));
-    }
     wrong.extend(dataset.runs.iter().filter_map(odd_length));
+}
+
+/// What only one method makes something of.
+pub(super) fn one_run_only(dataset: &Dataset) -> Option<String> {
+    let [only] = dataset.runs.as_slice() else { return None };
+    Some(format!(
+        "there is one run only, {}: a model must be judged on a run that it never saw; record another day, or split this \
+         log with --run-column COLUMN or --gap 1h",
+        only.name
+    ))
 }
 
 /// What a run's length says about its time column, where that is odd.

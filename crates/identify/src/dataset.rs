@@ -36,6 +36,8 @@ use table::Table;
 pub struct Dataset {
     /// What stands in each column, in the order of the first file; the time is not among them.
     pub columns: Vec<Column>,
+    /// What else the files have, which nobody computes with, and of which no values are kept.
+    pub unread: Vec<Column>,
     /// One warm-up each, in the order of the files and of time.
     pub runs: Vec<Run>,
     /// What is odd, but kept nothing from being read.
@@ -90,15 +92,30 @@ impl BadLog {
 /// The unit of a column, where a profile knows it.
 pub type Units<'a> = &'a dyn Fn(&str) -> Option<&'static str>;
 
+/// Whether somebody computes with a column, by its name. Of the others little more than the name is read: a log may have
+/// hundreds, of which a model takes ten.
+pub type Uses<'a> = &'a dyn Fn(&str) -> bool;
+
+/// Uses all of them.
+#[must_use]
+pub fn every_column(_: &str) -> bool {
+    true
+}
+
 impl Dataset {
     /// Reads the logs, or those in a directory, and splits them into runs.
     ///
     /// # Errors
     /// Everything that cannot be read, with file, line and column.
-    pub fn read(files: &[PathBuf], split: &Split, units: Units<'_>) -> Result<Dataset, BadLog> {
+    pub fn read(
+        files: &[PathBuf],
+        split: &Split,
+        units: Units<'_>,
+        uses: Uses<'_>,
+    ) -> Result<Dataset, BadLog> {
         let (mut tables, mut wrong) = (Vec::new(), Vec::new());
         for file in files::logs(files, &mut wrong) {
-            match read_table(&file, split) {
+            match read_table(&file, split, uses) {
                 Ok(table) => tables.push(table),
                 Err(BadLog(found)) => wrong.extend(found),
             }
@@ -137,6 +154,7 @@ impl Dataset {
         };
         let remarks = tables.iter().filter_map(lacks).collect();
         let acted: HashSet<String> = tables.iter().flat_map(|table| table.acted.iter().cloned()).collect();
+        let unread = unread(&tables, units);
         let runs = split::runs(tables, &names, split)?;
         let column = |(place, name): (usize, String)| {
             let kind = match acted.contains(&name) {
@@ -148,12 +166,12 @@ impl Dataset {
             Column { name, kind }
         };
         let columns = names.into_iter().enumerate().map(column).collect();
-        Ok(Dataset { columns, remarks, runs })
+        Ok(Dataset { columns, unread, remarks, runs })
     }
 
-    /// The names of the columns.
+    /// The names of the columns, and behind them those that are not read.
     pub(crate) fn names(&self) -> Vec<&str> {
-        self.columns.iter().map(|column| column.name.as_str()).collect()
+        self.columns.iter().chain(&self.unread).map(|column| column.name.as_str()).collect()
     }
 
     /// The places of the columns of this kind.
@@ -198,13 +216,26 @@ impl Run {
     }
 }
 
-fn read_table(file: &Path, split: &Split) -> Result<Table, BadLog> {
+/// What some file has that nobody computes with, each once, in the order in which it is met.
+fn unread(tables: &[Table], units: Units<'_>) -> Vec<Column> {
+    let mut found: Vec<Column> = Vec::new();
+    let mut seen = HashSet::new();
+    for (name, sample) in tables.iter().flat_map(Table::unread) {
+        if seen.insert(name) {
+            let kind = Kind::guess(name, units(name), std::iter::once(sample));
+            found.push(Column { name: name.to_owned(), kind });
+        }
+    }
+    found
+}
+
+fn read_table(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
     let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
     if !ending.eq_ignore_ascii_case("parquet") {
-        return csv::read(file, split);
+        return csv::read(file, split, uses);
     }
     #[cfg(feature = "parquet")]
-    return parquet::read(file, split);
+    return parquet::read(file, split, uses);
     #[cfg(not(feature = "parquet"))]
     return Err(BadLog(vec![format!(
         "{}: this program was built without Parquet; write CSV, or build it with --features parquet",

@@ -12,6 +12,7 @@ use activity::Mover;
 mod activity;
 
 pub use activity::Stage;
+pub(crate) use activity::is_feed;
 
 /// The tests of ISO 230-3 that a log may be like.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -122,7 +123,7 @@ pub fn drift(
         [] => dataset.columns[*place].kind == Kind::Displacement,
         asked => asked.contains(&dataset.columns[*place].name),
     };
-    let columns: Vec<usize> = (0..names.len()).filter(is_asked).collect();
+    let columns: Vec<usize> = (0..dataset.columns.len()).filter(is_asked).collect();
     if columns.is_empty() && wrong.is_empty() {
         wrong.push(format!(
             "no column is a displacement: name it so that it ends with _um, or give it with --displacement; there are {all}"

@@ -106,7 +106,32 @@ pub(super) fn find(dataset: &Dataset, columns: &[usize]) -> Vec<Finding> {
     faults(dataset, columns).iter().map(|fault| fault.finding(dataset, "")).collect()
 }
 
+/// A reading that stood still while the other sensors said that it should have moved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Frozen {
+    /// Of the dataset.
+    pub(crate) column: usize,
+    /// Of the dataset.
+    pub(crate) run: usize,
+    /// s since the run's first row.
+    pub(crate) from: f64,
+    /// s
+    pub(crate) to: f64,
+    /// °C
+    pub(crate) missed: f64,
+}
+
 impl Fault {
+    pub(super) fn frozen(dataset: &Dataset, frozen: &Frozen) -> Fault {
+        let Frozen { column, run, from, to, missed } = *frozen;
+        let (begin, end) = (clock(from), clock(to));
+        let message = format!(
+            "frozen from {begin} to {end} while the other sensors say that it moved by {missed:.1} °C"
+        );
+        let rows = rows_within(&dataset.runs[run], &[(from + 1.0, to)]);
+        Fault { column, run: Some(run), message, damage: Damage::Stuck, rows }
+    }
+
     /// With what else is to be said behind the message.
     pub(super) fn finding(&self, dataset: &Dataset, more: &str) -> Finding {
         let run = self.run.map(|run| format!(" in {}", dataset.runs[run].name)).unwrap_or_default();
@@ -156,11 +181,12 @@ fn of_column(dataset: &Dataset, series: &[Vec<Minutes>], place: usize, column: u
             add(Damage::Jump, rows_of_step(run, column, own.seconds[place]), message);
         }
         for (from, to, expected) in stuck {
+            let rows = rows_within(run, &[(minute(from), minute(to) + 60.0)]);
             let (begin, end) = (clock(from), clock(to));
             let message = format!(
                 "stuck at one number from {begin} to {end} while its neighbours moved as for {expected:.1} °C"
             );
-            add(Damage::Stuck, rows_within(run, &[(minute(from), minute(to) + 60.0)]), message);
+            add(Damage::Stuck, rows, message);
         }
     }
     found

@@ -51,6 +51,31 @@ impl Gram {
         Gram::sum(grams, &(0..grams.len()).collect::<Vec<usize>>())
     }
 
+    /// Without these, which are part of it.
+    pub(crate) fn less(&self, part: &Gram) -> Gram {
+        Gram {
+            square: &self.square - &part.square,
+            cross: &self.cross - &part.cross,
+            power: self.power - part.power,
+            rows: self.rows - part.rows,
+        }
+    }
+
+    /// As if these gains had been taken out of the target already.
+    pub(crate) fn after(mut self, gains: &DVector<f64>) -> Gram {
+        self.power = self.left(gains);
+        self.cross -= &self.square * gains;
+        self
+    }
+
+    /// As if each row counted so many times, but for their number.
+    pub(crate) fn times(mut self, weight: f64) -> Gram {
+        self.square *= weight;
+        self.cross *= weight;
+        self.power *= weight;
+        self
+    }
+
     /// The part of these columns.
     pub(crate) fn of_columns(&self, columns: &[usize]) -> Gram {
         Gram {

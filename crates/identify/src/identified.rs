@@ -4,21 +4,32 @@ use serde::Serialize;
 
 use crate::bank::{Bank, Candidate};
 use crate::campaign::Campaign;
+use crate::checks::one_run_only;
 use crate::collinear::collinearity;
 use crate::dataset::{Column, Kind};
+use crate::expected::{Expected, expected, inside};
 use crate::faults::{Notes, Repaired, resolution};
-use crate::learn::{Learned, Learner};
+use crate::lean::lean;
+use crate::learn::Learned;
 use crate::method::{Method, Settings};
 use crate::region::Region;
+use crate::select::{Counted, counted};
 use crate::setup::Ready;
+use crate::stand_in::{self, StandIn};
 use crate::statistics::least_and_most;
 use crate::uncertainty::standard_errors;
 use crate::validate::{HeldOut, Means, Progress, RunScore, leave_one_run_out};
-use alone::alone;
+use crate::wander::wander;
+use lost::{fallbacks, irreplaceable, keep_the_better};
 
 mod alone;
+mod lost;
 
 pub use alone::Alone;
+pub use lost::Fallback;
+
+/// Most sensors for the curve over how many are kept.
+const MOST_COUNTED: usize = 8;
 
 /// A model with its cross-validation. Serialized, it is the JSON of `identify`.
 #[derive(Clone, Debug, Serialize)]
@@ -52,6 +63,18 @@ pub struct Identified {
     pub repaired: Vec<Repaired>,
     /// What each column of the logs was taken for.
     pub columns: Vec<ColumnShown>,
+    /// What to expect of it: one standard deviation that grows with the hours.
+    pub expected: Option<Expected>,
+    /// How fast what it leaves wanders, µm²/h: the probe's q.
+    pub probe_q: Option<f64>,
+    /// Runs that it left worse than they were without compensation.
+    pub outside_runs: Vec<String>,
+    /// Held out, by how many sensors are kept, from none on; empty where it was not asked for.
+    pub by_sensors: Vec<Counted>,
+    /// Sensors of which no other tells: where one is lost, a run's range grows by more than a quarter.
+    pub irreplaceable: Vec<String>,
+    /// What stands in for each sensor that is frozen or lost.
+    pub stand_ins: Vec<StandIn>,
     /// Models for the loss of each sensor, the best first.
     pub fallbacks: Vec<Fallback>,
     /// Every held-out run, row by row.
@@ -88,6 +111,12 @@ pub struct TermFound {
     /// It belongs to the slope over the position.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub slope: bool,
+    /// The square of the signal counts.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub squared: bool,
+    /// It counts from standing still, not from the start.
+    #[serde(skip)]
+    pub is_speed: bool,
 }
 
 /// A column, and what it was taken for.
@@ -99,45 +128,16 @@ pub struct ColumnShown {
     pub kind: Kind,
     /// What it is used as.
     pub used: &'static str,
-    /// The smallest step between two of its values; 0 where it never moved.
-    pub resolution: f64,
+    /// The smallest step between two of its values; 0 where it never moved. None where it was not read, as its least and
+    /// its largest value.
+    pub resolution: Option<f64>,
     /// Its least value.
     pub min: Option<f64>,
     /// Its largest value.
     pub max: Option<f64>,
 }
 
-/// The model that stands in where a sensor is lost.
-#[derive(Clone, Debug, Serialize)]
-pub struct Fallback {
-    /// The signal that is not there.
-    pub without: String,
-    /// The method's word.
-    pub method: &'static str,
-    /// Its terms; empty for a formula.
-    pub terms: Vec<TermFound>,
-    /// Where its inputs were; none where they are too many, or one never moved.
-    #[serde(rename = "envelope")]
-    pub region: Option<Region>,
-    /// The sensor that is left, with the time since machine start.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub alone: Option<Alone>,
-    /// Held out.
-    #[serde(flatten)]
-    pub means: Means,
-}
-
-impl Fallback {
-    /// The method, or what the sensor that is left goes with.
-    pub fn kind(&self) -> String {
-        match &self.alone {
-            Some(alone) => format!("{} alone, with the time since machine start", alone.signal),
-            None => self.method.to_owned(),
-        }
-    }
-}
-
-/// Finds the model, validates it, and looks for its stand-ins.
+/// Finds the model and validates it; where the whole is wanted also what stands in for its sensors, and how many it needs.
 ///
 /// # Errors
 /// What the method says: a sentence that says what to do.
@@ -145,20 +145,45 @@ pub fn identify(
     ready: &Ready<'_>,
     settings: &Settings,
     probe: Option<f64>,
-    fallbacks: bool,
+    is_whole: bool,
     progress: Progress<'_>,
 ) -> Result<Identified, String> {
     let campaign = &ready.campaign;
     let learner = settings.method.prepare(campaign, settings)?;
     let (learner, bank) = (learner.as_ref(), learner.bank());
     bank.check_rows("every sensor", "the sensor")?;
+    let one_run_only = one_run_only(&campaign.dataset).filter(|_| settings.method != Method::Whitened);
+    one_run_only.map_or(Ok(()), Err)?;
     check_count(bank, settings.method)?;
-    let held_out = leave_one_run_out(campaign, learner, settings, &[], probe, progress)?;
-    let learned = learner.learn(&(0..bank.runs.len()).collect::<Vec<usize>>(), &[])?;
+    let mut notes = ready.notes.clone();
+    let held_out = match bank.runs.len() {
+        1 => Vec::new(),
+        _ => leave_one_run_out(campaign, learner, settings, &[], probe, progress)?,
+    };
+    notes.remarks.extend(worth(bank.runs.len()));
+    let mut learned = learner.learn(&(0..bank.runs.len()).collect::<Vec<usize>>(), &[])?;
+    if settings.method == Method::Whitened {
+        learned = lean(learned, bank, ready.half_a_count());
+    }
     let inputs = learned.inputs();
-    let fallbacks = match fallbacks && inputs.len() > 1 {
-        true => self::fallbacks(campaign, learner, settings, &inputs, &learned, &held_out)?,
-        false => Vec::new(),
+    let (mut stand_ins, mut fallbacks) = match is_whole && inputs.len() > 1 && !held_out.is_empty() {
+        true => (
+            match settings.method {
+                Method::Whitened => stand_in::stand_ins(campaign, &inputs, &held_out),
+                _ => Vec::new(),
+            },
+            fallbacks(campaign, learner, settings, &inputs, &learned, &held_out)?,
+        ),
+        false => Default::default(),
+    };
+    keep_the_better(&mut stand_ins, &mut fallbacks);
+    let by_sensors = match settings.method {
+        Method::Whitened if is_whole && !held_out.is_empty() => {
+            let sensors: Vec<usize> =
+                (0..campaign.inputs.len()).filter(|input| !campaign.inputs[*input].is_speed()).collect();
+            counted(campaign, bank, &sensors, MOST_COUNTED, &|_, _| {}).table
+        }
+        _ => Vec::new(),
     };
     let (mut terms, mut condition) = (Vec::new(), None);
     if let Some(gains) = learned.sum() {
@@ -173,7 +198,13 @@ pub fn identify(
         }
     }
     let error = campaign.dataset.columns[campaign.error].name.clone();
-    let runs: Vec<RunScore> = held_out.iter().map(|held| held.score.clone()).collect();
+    let mut runs: Vec<RunScore> = held_out.iter().map(|held| held.score.clone()).collect();
+    let expected = expected(&held_out);
+    for (run, held) in runs.iter_mut().zip(&held_out) {
+        run.expected_um = expected.map(|expected| inside(&expected, held));
+    }
+    let irreplaceable = irreplaceable(&stand_ins, &fallbacks, &Means::of(&runs));
+    let is_worse = |run: &&RunScore| run.range_um > run.uncompensated_range_um;
     Ok(Identified {
         method: settings.method.name(),
         axis: ready.axis.clone(),
@@ -181,15 +212,21 @@ pub fn identify(
         condition,
         network: match &learned {
             Learned::Net { net, .. } => Some(net.what()),
-            Learned::Sum(_) => None,
+            Learned::Sum(_) | Learned::Mean { .. } => None,
         },
         means: Means::of(&runs),
         uncompensated: Means::uncompensated(&runs),
+        expected,
+        probe_q: wander(&held_out),
+        outside_runs: runs.iter().filter(is_worse).map(|run| run.name.clone()).collect(),
         runs,
         probe_s: probe,
-        notes: ready.notes.clone(),
+        notes,
         repaired: ready.repaired.clone(),
         columns: columns(ready, &error),
+        by_sensors,
+        irreplaceable,
+        stand_ins,
         fallbacks,
         region: Region::of(campaign, bank, &inputs),
         position: campaign
@@ -201,6 +238,46 @@ pub fn identify(
         held_out,
         learned,
     })
+}
+
+/// How a model of some runs, by their numbers, fares on each of the others.
+///
+/// # Errors
+/// What the method says.
+pub fn judged_on_the_others(
+    ready: &Ready<'_>,
+    settings: &Settings,
+    runs: &[usize],
+) -> Result<Vec<RunScore>, String> {
+    let campaign = &ready.campaign;
+    let learner = settings.method.prepare(campaign, settings)?;
+    let (bank, learned) = (learner.bank(), learner.learn(runs, &[])?);
+    let others = (0..bank.runs.len()).filter(|run| !runs.contains(run));
+    let judged = |run: usize| {
+        let error = bank.runs[run].error();
+        let cz = learned.predict(campaign, bank, run);
+        let left: Vec<f64> = error.iter().zip(cz).map(|(error, cz)| error + cz).collect();
+        RunScore::new(&bank.runs[run].name, &error, &left)
+    };
+    Ok(others.map(judged).collect())
+}
+
+/// What a model of so few runs is worth.
+fn worth(runs: usize) -> Option<String> {
+    match runs {
+        1 => Some(
+            "one run: nothing could be held out, so nobody knows how good this is; of such models one in four left a later run \
+             worse than no compensation. Seven tenths of each gain were taken for that. Record another day before you rely \
+             on it"
+                .to_owned(),
+        ),
+        2 => Some(
+            "two runs: each was judged by a model of the other one alone, of which seven tenths are taken; that of both, \
+             which is written, was judged by nobody. Record a third day"
+                .to_owned(),
+        ),
+        _ => None,
+    }
 }
 
 /// Least squares on all columns needs more rows than columns, also where the longest run is held out.
@@ -220,7 +297,8 @@ fn check_count(bank: &Bank, method: Method) -> Result<(), String> {
 fn terms_of(campaign: &Campaign<'_>, gains: &[(Candidate, f64)]) -> Vec<TermFound> {
     let unit = |candidate: &Candidate| {
         let (of, per) = (if candidate.along { "µm/mm" } else { "µm" }, campaign.inputs[candidate.input].unit);
-        if per.0 == "1" { of.to_owned() } else { format!("{of}/{per}") }
+        let square = if candidate.squared { "²" } else { "" };
+        if per.0 == "1" { of.to_owned() } else { format!("{of}/{per}{square}") }
     };
     let term = |(candidate, gain): &(Candidate, f64)| TermFound {
         unit: unit(candidate),
@@ -230,53 +308,10 @@ fn terms_of(campaign: &Campaign<'_>, gains: &[(Candidate, f64)]) -> Vec<TermFoun
         se: 0.0,
         inflation: None,
         slope: candidate.along,
+        squared: candidate.squared,
+        is_speed: campaign.inputs[candidate.input].is_speed(),
     };
     gains.iter().map(term).collect()
-}
-
-/// For the loss of each input, the best first.
-fn fallbacks(
-    campaign: &Campaign<'_>,
-    learner: &dyn Learner,
-    settings: &Settings,
-    inputs: &[usize],
-    learned: &Learned,
-    held_out: &[HeldOut],
-) -> Result<Vec<Fallback>, String> {
-    let own = Settings { method: settings.method.stand_in(), ..settings.clone() };
-    let mut found = match own.method {
-        method if method == settings.method => without_each(campaign, learner, &own, inputs),
-        method => without_each(campaign, method.prepare(campaign, &own)?.as_ref(), &own, inputs),
-    };
-    if settings.method == Method::Difference {
-        found.extend(alone(campaign, learner.bank(), learned, held_out));
-    }
-    found.sort_by(|one, other| one.means.mean_range_um.total_cmp(&other.means.mean_range_um));
-    Ok(found)
-}
-
-/// A method that cannot do without a sensor has no stand-in for its loss.
-fn without_each(
-    campaign: &Campaign<'_>,
-    learner: &dyn Learner,
-    settings: &Settings,
-    inputs: &[usize],
-) -> Vec<Fallback> {
-    let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
-    let without = |lost: &usize| {
-        let learned = learner.learn(&runs, &[*lost]).ok()?;
-        let gains = learned.sum().filter(|gains| !gains.is_empty())?;
-        let held = leave_one_run_out(campaign, learner, settings, &[*lost], None, &|_, _| {}).ok()?;
-        Some(Fallback {
-            without: campaign.inputs[*lost].name.clone(),
-            method: settings.method.name(),
-            alone: None,
-            terms: terms_of(campaign, gains),
-            region: Region::of(campaign, learner.bank(), &learned.inputs()),
-            means: Means::of(held.iter().map(|held| &held.score)),
-        })
-    };
-    inputs.iter().filter_map(without).collect()
 }
 
 /// As the columns were recorded: what was rebuilt has no resolution.
@@ -299,10 +334,18 @@ fn columns(ready: &Ready<'_>, error: &str) -> Vec<ColumnShown> {
             name: column.name.clone(),
             kind: column.kind,
             used: used(&column.name),
-            resolution: resolution(dataset, place),
+            resolution: Some(resolution(dataset, place)),
             min: span.map(|(low, _)| low),
             max: span.map(|(_, high)| high),
         }
     };
-    dataset.columns.iter().enumerate().map(shown).collect()
+    let unread = |Column { name, kind }: &Column| ColumnShown {
+        name: name.clone(),
+        kind: *kind,
+        used: used(name),
+        resolution: None,
+        min: None,
+        max: None,
+    };
+    dataset.columns.iter().enumerate().map(shown).chain(dataset.unread.iter().map(unread)).collect()
 }

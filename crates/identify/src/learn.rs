@@ -2,7 +2,7 @@
 
 use nalgebra::DVector;
 
-use crate::bank::{Bank, Candidate, trace};
+use crate::bank::{Bank, Candidate, Rows, trace};
 use crate::campaign::Campaign;
 use isotherm_core::compensation::model::network::Net;
 
@@ -23,6 +23,13 @@ pub(crate) trait Learner: Sync {
 pub enum Learned {
     /// A sum of gains times rises: µm per unit, for Cz.
     Sum(Vec<(Candidate, f64)>),
+    /// The mean of two such sums over the same terms. How far they are apart says how far it may be believed.
+    Mean {
+        /// Of the mean.
+        gains: Vec<(Candidate, f64)>,
+        /// Term by term: of the ridge, and of the net.
+        halves: Vec<[f64; 2]>,
+    },
     /// A network over rises.
     Net {
         /// What it takes, in its order: columns of the bank.
@@ -38,7 +45,7 @@ impl Learned {
     /// The terms of a sum.
     pub(crate) fn sum(&self) -> Option<&[(Candidate, f64)]> {
         match self {
-            Learned::Sum(gains) => Some(gains),
+            Learned::Sum(gains) | Learned::Mean { gains, .. } => Some(gains),
             Learned::Net { .. } => None,
         }
     }
@@ -46,7 +53,9 @@ impl Learned {
     /// The places of the inputs that it needs, ascending.
     pub(crate) fn inputs(&self) -> Vec<usize> {
         let mut inputs: Vec<usize> = match self {
-            Learned::Sum(gains) => gains.iter().map(|(candidate, _)| candidate.input).collect(),
+            Learned::Sum(gains) | Learned::Mean { gains, .. } => {
+                gains.iter().map(|(candidate, _)| candidate.input).collect()
+            }
             Learned::Net { inputs, .. } => inputs.iter().map(|candidate| candidate.input).collect(),
         };
         inputs.sort_unstable();
@@ -58,11 +67,12 @@ impl Learned {
     pub(crate) fn predict(&self, campaign: &Campaign<'_>, bank: &Bank, run: usize) -> Vec<f64> {
         let rises = &bank.runs[run].rises;
         match self {
-            Learned::Sum(gains) => {
+            Learned::Sum(gains) | Learned::Mean { gains, .. } => {
                 // Time constants that are not in the bank are followed once more, over the same rows.
                 let is_foreign = |candidate: &Candidate| bank.column(candidate).is_none();
                 let foreign: Vec<Candidate> = gains.iter().map(|term| term.0).filter(is_foreign).collect();
-                let extra = (!foreign.is_empty()).then(|| trace(campaign, run, &foreign).rises);
+                let extra =
+                    (!foreign.is_empty()).then(|| trace(campaign, run, &foreign, Rows::WithError).rises);
                 let extra = extra.filter(|extra| extra.nrows() == rises.nrows());
                 let mut cz = DVector::zeros(rises.nrows());
                 for (candidate, gain) in gains {

@@ -19,12 +19,15 @@ mod sparse;
 pub(crate) mod stepwise;
 mod trained;
 mod two_source;
+pub(crate) mod whitened;
 
 /// How a model is found; [`Method::ALL`] says more.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
-    /// A forward search and an elastic net.
+    /// A ridge and an elastic net on whitened rows.
     #[default]
+    Whitened,
+    /// A forward search and an elastic net.
     SparseLag,
     /// Ridge regression with lags.
     RidgeLag,
@@ -57,6 +60,10 @@ pub struct Settings {
     pub lags: Vec<Option<Duration>>,
     /// Most terms of a chosen model; `None`: the method's own limit.
     pub terms: Option<usize>,
+    /// whitened: most sensors of the model; `None`: every one.
+    pub sensors: Option<usize>,
+    /// whitened: a model that exists, towards which is learnt.
+    pub prior: Option<Vec<PriorTerm>>,
     /// two-source: the runs in which only the first source is at work.
     pub waiting: Vec<String>,
     /// two-source: inputs of the first source.
@@ -73,12 +80,27 @@ pub struct Settings {
     pub seed: u64,
 }
 
+/// A term of a model that exists.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PriorTerm {
+    /// The signal.
+    pub signal: String,
+    /// Time constant.
+    pub lag: Option<Duration>,
+    /// The square of what is read counts.
+    pub squared: bool,
+    /// µm per unit, for Cz.
+    pub gain: f64,
+}
+
 impl Default for Settings {
     fn default() -> Settings {
         Settings {
             method: Method::default(),
             lags: Vec::new(),
             terms: None,
+            sensors: None,
+            prior: None,
             waiting: Vec::new(),
             first: Vec::new(),
             second: Vec::new(),
@@ -92,7 +114,12 @@ impl Default for Settings {
 
 impl Method {
     /// Every method, its word on the command line and in JSON, and what it does.
-    pub const ALL: [(Method, &'static str, &'static str); 11] = [
+    pub const ALL: [(Method, &'static str, &'static str); 12] = [
+        (
+            Method::Whitened,
+            "whitened",
+            "The mean of a ridge and an elastic net on rows whose slow walk is taken out",
+        ),
         (
             Method::SparseLag,
             "sparse-lag",
@@ -133,14 +160,14 @@ impl Method {
 
     /// Its gains are held small or chosen: how far they may be off shows in their spread, not in a normal equation.
     pub(super) fn is_penalized(self) -> bool {
-        matches!(self, Method::SparseLag | Method::RidgeLag | Method::Position)
+        matches!(self, Method::Whitened | Method::SparseLag | Method::RidgeLag | Method::Position)
     }
 
     /// What stands in where a sensor is lost: this method without that sensor, but a linear one for a network, which knows
     /// least of the days that it has not seen.
     pub(super) fn stand_in(self) -> Method {
         match self {
-            Method::Rbf | Method::Network => Method::SparseLag,
+            Method::Rbf | Method::Network => Method::Whitened,
             own => own,
         }
     }
@@ -156,12 +183,19 @@ impl Method {
     ) -> Result<Box<dyn Learner + 'a>, String> {
         let Settings { terms, centres, neurons, .. } = *settings;
         let rows_per_sample = campaign.rows_per_sample(settings.independent);
-        let lags = if settings.lags.is_empty() { usual_lags() } else { settings.lags.clone() };
+        let lags = match settings.lags.as_slice() {
+            [] if self == Method::Whitened => whitened::usual_lags(),
+            [] => usual_lags(),
+            named => named.to_vec(),
+        };
         let lagged = || Bank::of(campaign, &lags);
         let plain = || Bank::of(campaign, &[None]);
         let trained = |shape| Trained::new(campaign, settings, shape);
         let (bank, rule): (Bank, Rule) = match self {
             Method::Lag => return Ok(Box::new(lag::Lagging::new(campaign, lagged(), terms))),
+            Method::Whitened => {
+                return Ok(Box::new(whitened::Whitening::new(campaign, &lags, settings)));
+            }
             Method::Rbf => return Ok(Box::new(trained(Shape::Radial(centres))?)),
             Method::Network => return Ok(Box::new(trained(Shape::Neurons(neurons))?)),
             Method::SparseLag => {

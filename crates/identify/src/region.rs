@@ -31,10 +31,13 @@ const LOOSENED: f64 = 1e-6;
 impl Region {
     /// Of these inputs. `None` where they are too many for an envelope, or one never moves.
     pub(crate) fn of(campaign: &Campaign<'_>, bank: &Bank, inputs: &[usize]) -> Option<Region> {
+        // A spindle that turns faster than it ever did shows in its temperatures.
+        let inputs: Vec<usize> =
+            inputs.iter().copied().filter(|input| !campaign.inputs[*input].is_speed()).collect();
         if inputs.is_empty() || inputs.len() > MOST {
             return None;
         }
-        let columns = inputs.iter().map(|input| Some(bank.rises(bank.plain(*input)?)));
+        let columns = inputs.iter().map(|input: &usize| Some(bank.rises(bank.plain(*input)?)));
         let columns: Vec<Vec<f64>> = columns.collect::<Option<_>>()?;
         let row = |row: usize| DVector::from_fn(columns.len(), |place, _| columns[place][row]);
         let rows: Vec<DVector<f64>> = (0..columns[0].len()).map(row).collect();

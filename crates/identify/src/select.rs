@@ -26,6 +26,7 @@ mod points;
 mod steps;
 
 pub use counted::Counted;
+pub(crate) use counted::counted;
 pub use points::{Pointed, points};
 pub use steps::{Step, Steps};
 
@@ -154,7 +155,7 @@ pub fn select(
         groups: groups(&between, count, *least).into_iter().map(named).collect(),
     });
     let grouped: Vec<Grouped> = grouped.collect();
-    let counts = counted::counted(&bank, count, settings.most, &name, progress);
+    let counts = counted::counted(campaign, &bank, &all, settings.most, progress);
     let recommended = counts.recommended(&grouped, &name);
     let mut order = all;
     order.sort_by(by_error);

@@ -8,7 +8,8 @@ use crate::campaign::{Campaign, Input, Position, temperatures_of};
 use crate::checks::{check_error, check_runs, fahrenheit, nearest, stays, unused_position};
 use crate::dataset::{BadLog, Dataset, Kind};
 use crate::faults::mend::{Mended, mend};
-use crate::faults::{self, Notes, Repaired};
+use crate::faults::{self, Finding, Notes, Repaired};
+use crate::stand_in::frozen_in;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Profile, Signal};
 
@@ -21,6 +22,8 @@ pub struct Choice {
     pub error: Option<String>,
     /// The inputs; empty: every temperature of the profile that is in the logs.
     pub inputs: Vec<String>,
+    /// Beside the temperatures every speed of the profile that the logs have.
+    pub speeds: bool,
     /// Inputs that are left out.
     pub without: Vec<String>,
     /// Inputs that stay in though they look faulty.
@@ -44,6 +47,15 @@ pub struct Ready<'a> {
     pub notes: Notes,
     /// Sensors that were faulty in a run, and what their readings were replaced by.
     pub repaired: Vec<Repaired>,
+}
+
+impl Ready<'_> {
+    /// Half a count of the axis's register, µm; half of what a CNC usually counts in where no output says.
+    pub(crate) fn half_a_count(&self) -> f64 {
+        const USUAL: f64 = 0.1;
+        let own = self.campaign.axes.iter().find(|axis| axis.name == self.axis);
+        0.5 * own.and_then(|axis| axis.guard.count).map_or(USUAL, |count| count.get())
+    }
 }
 
 /// Takes out of the measured error the Cz that acted on it, where a log of the gateway or `applied` has it.
@@ -124,9 +136,22 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
         let found = faults::find(dataset, &temperatures);
         remarks.extend(found.iter().filter(|found| choice.keep.contains(&found.signal)).map(stays));
     }
-    let Mended { mending, excluded, repaired } = mend(dataset, &judged);
-    let is_good = |input: &Input| !excluded.iter().any(|faulty| faulty.signal == input.name);
-    let good: Vec<Input> = inputs.into_iter().filter(is_good).collect();
+    let good_of = |excluded: &[Finding]| -> Vec<Input> {
+        let is_good = |input: &&Input| !excluded.iter().any(|faulty| faulty.signal == input.name);
+        inputs.iter().filter(is_good).cloned().collect()
+    };
+    let campaign_of = |good: Vec<Input>, mending| {
+        Campaign::new(profile, dataset, error, good, choice.resample).with_mending(mending)
+    };
+    let mut mended = mend(dataset, &judged, &[]);
+    let mut good = good_of(&mended.excluded);
+    // What stands still for less than an hour shows against what the other sensors say of it.
+    let frozen = frozen_in(&campaign_of(good.clone(), mended.mending.clone()));
+    if !frozen.is_empty() {
+        mended = mend(dataset, &judged, &frozen);
+        good = good_of(&mended.excluded);
+    }
+    let Mended { mending, excluded, repaired } = mended;
     if good.is_empty() {
         let reasons = excluded.iter().map(|faulty| format!("{}: {}", faulty.signal, faulty.reason));
         let reasons: Vec<String> = reasons.collect();
@@ -143,8 +168,7 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
         );
     }
     let ambient = ambient::find(dataset, &temperatures_of(dataset, &good), error);
-    let campaign = Campaign::new(profile, dataset, error, good, choice.resample);
-    let mut campaign = campaign.with_mending(mending);
+    let mut campaign = campaign_of(good, mending);
     if position.is_some() {
         // Places that are visited in turn must not be averaged.
         campaign.resample = Duration::ZERO;
@@ -217,13 +241,22 @@ fn inputs(
             remarks.push(format!("in the profile, but not in the logs: {}", missing.join(", ")));
         }
         let signals = signals(profile);
-        let logged = dataset.of_kind(Kind::Temperature).map(|place| dataset.columns[place].name.as_str());
+        let logged = dataset.columns.iter().chain(&dataset.unread);
+        let logged =
+            logged.filter(|column| column.kind == Kind::Temperature).map(|column| column.name.as_str());
         let unknown: Vec<&str> = logged.filter(|name| !signals.contains(name)).collect();
         if !unknown.is_empty() {
             remarks.push(format!(
                 "in the logs, but not in the profile, and so left out: {}; a [signal.…] each lets them be used",
                 unknown.join(", ")
             ));
+        }
+        let has_speeds = choice.speeds && !found.is_empty();
+        for speed in profile.signals.iter().filter(|signal| has_speeds && signal.unit.0 == "rpm") {
+            let moves = |column: usize| dataset.runs.iter().any(|run| run.range(column) > 0.0);
+            if dataset.column(&speed.name).is_some_and(moves) {
+                found.extend(input(profile, dataset, &speed.name, "", wrong));
+            }
         }
         if found.is_empty() {
             wrong.push(format!(

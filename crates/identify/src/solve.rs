@@ -3,14 +3,42 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use crate::gram::Gram;
+use crate::statistics::median;
 
 /// What keeps two columns that are the same from having no answer; far below any effect on one that has.
 const ROUNDING: f64 = 1e-12;
+/// A column that moves less counts as if it moved so.
+const STANDS_STILL: f64 = 1e-9;
 
 /// Gains of these columns: least squares with `penalty`·|w|² on columns of root mean square 1, per row.
 pub(super) fn ridge(gram: &Gram, columns: &[usize], penalty: f64) -> DVector<f64> {
     let (scaled, scales) = gram.of_columns(columns).scaled();
     penalized(scaled.square, &scaled.cross, penalty.max(ROUNDING)).component_div(&scales)
+}
+
+/// A ridge on whitened products, for any penalty: a column that moves little is held more, but by the root alone.
+pub(super) struct Ridge {
+    scaled: Gram,
+    scales: DVector<f64>,
+}
+
+impl Ridge {
+    pub(super) fn of(gram: &Gram) -> Ridge {
+        let rows = gram.rows.max(1.0);
+        let moves = gram.square.diagonal().map(|square| (square / rows).max(0.0).sqrt().max(STANDS_STILL));
+        let usual = median(moves.iter().copied().collect());
+        let scales = moves.map(|own| (own * usual).sqrt());
+        Ridge { scaled: gram.divided(&scales, rows), scales }
+    }
+
+    pub(super) fn at(&self, penalty: f64) -> DVector<f64> {
+        penalized(self.scaled.square.clone(), &self.scaled.cross, penalty).component_div(&self.scales)
+    }
+}
+
+/// Penalties from 10^`first` to 10^`last`, so many in each decade.
+pub(super) fn decades(first: i32, last: i32, each: i32) -> Vec<f64> {
+    (first * each..=last * each).map(|step| 10f64.powf(f64::from(step) / f64::from(each))).collect()
 }
 
 /// w of (X'X + penalty)·w = X'y. Where columns say the same, the penalty grows until there is an answer.

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::campaign::Campaign;
+use crate::expected::Inside;
 use crate::learn::{Learned, Learner};
 use crate::method::Settings;
 use crate::statistics::{count, percentile_95, range, rms};
@@ -30,6 +31,9 @@ pub struct RunScore {
     pub uncompensated_rmse_um: f64,
     /// How much of the range is gone, in percent; below zero where it grew, none where there was none.
     pub range_cut_percent: Option<f64>,
+    /// How much of it was where it is expected.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_um: Option<Inside>,
 }
 
 impl RunScore {
@@ -45,6 +49,7 @@ impl RunScore {
             uncompensated_rmse_um: rms(error),
             range_cut_percent: (uncompensated_range_um > 0.0)
                 .then(|| 100.0 * (1.0 - range_um / uncompensated_range_um)),
+            expected_um: None,
         }
     }
 }
@@ -73,7 +78,8 @@ impl Means {
 
     fn over(scores: impl Iterator<Item = (f64, f64)>) -> Means {
         let (ranges, squares): (Vec<f64>, Vec<f64>) = scores.unzip();
-        let runs = count(ranges.len()).max(1.0);
+        // Of nothing there is no mean.
+        let runs = count(ranges.len());
         Means {
             mean_range_um: ranges.iter().sum::<f64>() / runs,
             worst_range_um: ranges.iter().copied().fold(0.0, f64::max),

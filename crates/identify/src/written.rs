@@ -6,9 +6,11 @@ use humantime::format_duration;
 use serde_json::{Value, json};
 
 use crate::bank::Candidate;
+use crate::expected::Expected;
 use crate::identified::{Alone, Identified, TermFound};
 use crate::learn::Learned;
 use crate::region::Region;
+use crate::stand_in::StandIn;
 use isotherm_core::compensation::model::Outside;
 
 /// A block and its files, by name.
@@ -20,14 +22,15 @@ pub struct Written {
     pub files: Vec<(String, String)>,
 }
 
-/// The block of a model; its files are called `<stem>.envelope.json` and `<stem>.network.json`.
+/// The block of a model; its files are called `<stem>.envelope.json`, `<stem>.halves.json`, `<stem>.stand-ins.json` and
+/// `<stem>.network.json`.
 pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     let (position, mut files) = (found.position.as_ref(), Vec::new());
     let settle = settle(found);
     // What its rises are measured from, for `check` to compare.
     let with = format!("identified_with = {{ settle = \"{settle}\" }}");
     let body = match &found.learned {
-        Learned::Sum(_) => format!("{}\n{with}", sum(&found.terms, position)),
+        Learned::Sum(_) | Learned::Mean { .. } => format!("{}\n{with}", sum(&found.terms, position)),
         Learned::Net { file, inputs, .. } => {
             let name = format!("{stem}.network.json");
             let inputs = network_inputs(file, inputs);
@@ -39,6 +42,7 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
             body
         }
     };
+    let beside = beside(found, stem, &mut files);
     let mut model = |name: &str, body: String, region: Option<&Region>, file: String| {
         let envelope = match region {
             None => "# No envelope: too many inputs, or one that never moved.".to_owned(),
@@ -52,6 +56,7 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     };
     let mut block = head(found).iter().map(|line| format!("# {line}\n")).collect::<String>();
     block += &model(found.method, body, found.region.as_ref(), format!("{stem}.envelope.json"));
+    block += &beside;
     for fallback in &found.fallbacks {
         let (without, means) = (&fallback.without, &fallback.means);
         let (body, file) = match &fallback.alone {
@@ -67,8 +72,42 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
         );
         let name = format!("{} without {without}", fallback.method);
         block += &model(&name, body, fallback.region.as_ref(), file);
+        block += &expected(fallback.expected.as_ref());
     }
     Written { block, files }
+}
+
+/// The keys of what stands beside the first model: its halves, what to expect of it, and what stands in for its sensors.
+fn beside(found: &Identified, stem: &str, files: &mut Vec<(String, String)>) -> String {
+    let mut keys = String::new();
+    let mut file = |key: &str, word: &str, content: Value| {
+        let name = format!("{stem}.{word}.json");
+        keys += &format!("{key} = {}\n", json!(name));
+        files.push((name, format!("{content:#}\n")));
+    };
+    if let Learned::Mean { halves, .. } = &found.learned {
+        let half = |(term, [ridge, net]): (&TermFound, &[f64; 2])| json!({ "signal": term.signal, "lag_s": term.lag_s, "ridge": ridge, "net": net });
+        let terms: Vec<Value> = found.terms.iter().zip(halves).map(half).collect();
+        file("halves", "halves", json!({ "format": "isotherm-halves", "version": 1, "terms": terms }));
+    }
+    if !found.stand_ins.is_empty() {
+        let sensors: Vec<Value> = found.stand_ins.iter().map(StandIn::file).collect();
+        file(
+            "stand_ins",
+            "stand-ins",
+            json!({ "format": "isotherm-stand-ins", "version": 1, "sensors": sensors }),
+        );
+    }
+    keys + &expected(found.expected.as_ref())
+}
+
+fn expected(found: Option<&Expected>) -> String {
+    let Some(Expected { since_datum, since_touch }) = found else { return String::new() };
+    let pair = |[a, b]: &[f64; 2]| format!("[{}, {}]", short(*a), short(*b));
+    let (datum, touch) = (pair(since_datum), pair(since_touch));
+    format!(
+        "expected = {{ since_datum = {datum}, since_touch = {touch} }}   # σ² = a·h + b, µm², h in hours\n"
+    )
 }
 
 /// What references are the mean over, as a profile writes it.
@@ -82,19 +121,28 @@ fn head(found: &Identified) -> Vec<String> {
     let settle = settle(found);
     let mut lines = vec![
         format!("Cz = −e, e being {}: found by isotherm identify --method {}.", found.error, found.method),
-        format!(
-            "Each of {} runs held out in turn: mean range {:.1} µm ({:.1} µm uncompensated), worst run {:.1} µm ({:.1} µm), mean RMS \
+        match found.runs.is_empty() {
+            true => "One run: nothing could be held out, so nobody knows how good it is.".to_owned(),
+            false => format!(
+                "Each of {} runs held out in turn: mean range {:.1} µm ({:.1} µm uncompensated), worst run {:.1} µm ({:.1} µm), mean RMS \
              {:.1} µm ({:.1} µm).",
-            found.runs.len(),
-            means.mean_range_um,
-            before.mean_range_um,
-            means.worst_range_um,
-            before.worst_range_um,
-            means.mean_rmse_um,
-            before.mean_rmse_um
-        ),
+                found.runs.len(),
+                means.mean_range_um,
+                before.mean_range_um,
+                means.worst_range_um,
+                before.worst_range_um,
+                means.mean_rmse_um,
+                before.mean_rmse_um
+            ),
+        },
         format!("Rises are measured from the first {settle}: [machine] settle = \"{settle}\" belongs to it."),
     ];
+    lines.extend(found.probe_q.map(|q| {
+        format!(
+            "What it leaves wanders: q = {} belongs to the axis's probe, if it has one (µm²/h).",
+            short(q)
+        )
+    }));
     lines.extend(
         found.notes.excluded.iter().map(|faulty| format!("Left out: {}: {}.", faulty.signal, faulty.reason)),
     );
@@ -126,11 +174,19 @@ fn listed(term: &TermFound) -> String {
         lag => format!(", lag = \"{}\"", format_duration(lag)),
     };
     let error = if term.se > 0.0 { format!("   # ± {}", short(term.se)) } else { String::new() };
-    format!("  {{ signal = {signal}, gain = {:?}, reference = \"start\"{lag} }},{error}\n", term.gain)
+    let power = if term.squared { ", power = 2" } else { "" };
+    let reference = if term.is_speed { "0.0" } else { "\"start\"" };
+    format!(
+        "  {{ signal = {signal}{power}, gain = {:?}, reference = {reference}{lag} }},{error}\n",
+        term.gain
+    )
 }
 
 /// Three digits that count.
 fn short(value: f64) -> String {
+    if value.abs() < 1e-9 {
+        return "0.0".to_owned();
+    }
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 9 decimals")]
     let decimals = (2.0 - value.abs().log10().floor()).clamp(0.0, 9.0) as usize;
     format!("{value:.decimals$}")

@@ -83,6 +83,9 @@ pub const LONGEST_QUOTE: usize = 200;
 /// A text as it may be quoted: what is longer than [`LONGEST_QUOTE`] is cut, and says so.
 #[must_use]
 pub fn quoted(text: &str) -> Cow<'_, str> {
+    if text.len() <= LONGEST_QUOTE {
+        return Cow::Borrowed(text);
+    }
     match text.char_indices().nth(LONGEST_QUOTE) {
         Some((end, _)) => Cow::Owned(format!("{}…", &text[..end])),
         None => Cow::Borrowed(text),

@@ -7,7 +7,7 @@ use anyhow::Context;
 
 use super::super::print_json;
 use isotherm_identify::balls::{DIRECTIONS, Terms, log, terms};
-use isotherm_identify::dataset::{Dataset, Split};
+use isotherm_identify::dataset::{Dataset, Split, every_column};
 
 #[derive(clap::Args, Debug)]
 pub(super) struct Touches {
@@ -30,7 +30,9 @@ pub(super) fn run(arguments: &Touches, json: bool) -> anyhow::Result<()> {
     let (Some(balls), Some(out)) = (&arguments.balls, &arguments.out) else {
         anyhow::bail!("name a profile and logs, or --balls and --out");
     };
-    let read = |path: &PathBuf| Dataset::read(std::slice::from_ref(path), &Split::default(), &|_| None);
+    let read = |path: &PathBuf| {
+        Dataset::read(std::slice::from_ref(path), &Split::default(), &|_| None, &every_column)
+    };
     let touches = read(balls)?;
     let in_file = || balls.display().to_string();
     let found = terms(&touches, arguments.origin).map_err(anyhow::Error::from).with_context(in_file)?;

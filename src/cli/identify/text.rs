@@ -47,15 +47,24 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
             lag if lag > 0.0 => format!("lag {}", humantime::format_duration(Duration::from_secs_f64(lag))),
             _ => "at once".to_owned(),
         };
-        writeln!(
-            out,
-            "    {:+10.4} ± {:<8.4} {:5}  {:width$}  {lag}",
-            term.gain, term.se, term.unit, term.signal
-        )?;
+        // Per rpm², that is.
+        let (gain, se) = match term.gain.abs() {
+            size if size < 1e-3 => (format!("{:+10.2e}", term.gain), format!("{:<8.2e}", term.se)),
+            _ => (format!("{:+10.4}", term.gain), format!("{:<8.4}", term.se)),
+        };
+        writeln!(out, "    {gain} ± {se} {:7}  {:width$}  {lag}", term.unit, term.signal)?;
     }
     if terms.len() > MOST_TERMS {
         writeln!(out, "    … and {} smaller ones", terms.len() - MOST_TERMS)?;
     }
+    if !found.runs.is_empty() {
+        held_out(out, found)?;
+    }
+    lost(out, found)
+}
+
+/// Each run, how the model fared on it.
+fn held_out(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     let width = found.runs.iter().map(|run| run.name.chars().count()).max().unwrap_or(0).max(4);
     writeln!(
         out,
@@ -82,15 +91,39 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
         found.means.worst_range_um,
         uncompensated.worst_range_um
     )?;
-    for fallback in &found.fallbacks {
+    if let Some(expected) = found.expected {
+        let after = |[a, b]: [f64; 2], hours: f64| (a * hours + b).sqrt();
         writeln!(
             out,
-            "  without {} ({}): mean range {:.2} µm, worst {:.2} µm",
-            fallback.without,
-            fallback.kind(),
-            fallback.means.mean_range_um,
-            fallback.means.worst_range_um
+            "  expected within (1 σ) ± {:.2} µm an hour after the datum, ± {:.2} µm after eight; ± {:.2} µm an hour after a touch",
+            after(expected.since_datum, 1.0),
+            after(expected.since_datum, 8.0),
+            after(expected.since_touch, 1.0)
         )?;
+    }
+    if let Some(q) = found.probe_q {
+        writeln!(out, "  for the axis's probe: q = {q:.2} µm²/h")?;
+    }
+    if !found.outside_runs.is_empty() {
+        writeln!(out, "  left worse than without compensation: {}", found.outside_runs.join(", "))?;
+    }
+    Ok(())
+}
+
+/// What takes the place of a sensor that is lost.
+fn lost(out: &mut impl Write, found: &Identified) -> io::Result<()> {
+    let virtually = found.stand_ins.iter().filter(|stand_in| stand_in.stands_in);
+    let virtually = virtually.map(|own| (&own.signal, "its value from the others".to_owned(), own.means));
+    let models = found.fallbacks.iter().map(|own| (&own.without, own.kind(), own.means));
+    for (signal, kind, means) in virtually.chain(models) {
+        writeln!(
+            out,
+            "  without {signal} ({kind}): mean range {:.2} µm, worst {:.2} µm",
+            means.mean_range_um, means.worst_range_um
+        )?;
+    }
+    for signal in &found.irreplaceable {
+        writeln!(out, "  no other sensor can stand in for {signal}: keep a spare")?;
     }
     Ok(())
 }

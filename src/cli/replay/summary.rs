@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::{Outcome, OutputsSummary};
 use crate::gateway::log::{Decided, LogRow};
-use isotherm_core::compensation::AxisState;
+use isotherm_core::compensation::{AxisState, Remembered};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 
@@ -99,6 +99,8 @@ pub(super) struct Tally {
     rows: u64,
     span: Option<(Moment, Moment)>,
     last: Option<Moment>,
+    /// Axis and model whose stand-ins are of another file than those that the log was written with.
+    other_stand_ins: Option<(String, String)>,
     axes: Vec<AxisTally>,
 }
 
@@ -159,7 +161,7 @@ impl Tally {
             after: Spread::default(),
             reproduced: Reproduced::default(),
         });
-        Tally { rows: 0, span: None, last: None, axes: axes.collect() }
+        Tally { rows: 0, span: None, last: None, other_stand_ins: None, axes: axes.collect() }
     }
 
     pub(super) fn row(&mut self, now: Moment) {
@@ -191,6 +193,13 @@ impl Tally {
         }
     }
 
+    /// A run that begins with this.
+    pub(super) fn begins(&mut self, profile: &Profile, memory: &Remembered) {
+        let found = memory.other_stand_ins(profile.axes.iter().map(|axis| &axis.settings));
+        let named = found.map(|(axis, model)| (axis.to_owned(), model.to_owned()));
+        self.other_stand_ins = self.other_stand_ins.take().or(named);
+    }
+
     pub(super) fn summary(self, log: &str, odd: &[String]) -> Summary {
         let mut warnings = odd.to_vec();
         for axis in self.axes.iter().filter(|axis| axis.reproduced.rows == 0 && 2 * axis.late > self.rows) {
@@ -198,6 +207,12 @@ impl Tally {
                 "{log}: most rows are further apart than axis {} updates ({}); there is one update per row, so Cz may lag",
                 axis.name,
                 humantime::format_duration(axis.every),
+            ));
+        }
+        if let Some((axis, model)) = self.other_stand_ins {
+            warnings.push(format!(
+                "{log}: axis {axis}, model {model}: the log was written with other stand-ins than its file has now; what they knew \
+                 begins anew"
             ));
         }
         let span = self.span.map_or(Duration::ZERO, |(first, latest)| latest.since(first));
@@ -234,12 +249,15 @@ fn difference(axis: &str, line: u64, decided: &Decided, outcome: &Outcome<'_>) -
     let number = |value: Option<f64>| value.map(super::text).unwrap_or_default();
     let same = |a: Option<f64>, b: Option<f64>| a.map(f64::to_bits) == b.map(f64::to_bits);
     let acted = decision.acted.to_string();
+    let expected = decision.expected.map(|expected| expected.get());
+    let logged = decided.expected.unwrap_or(expected);
     let columns = [
         ("raw_um", same(decided.raw, raw), number(decided.raw), number(raw)),
         ("cz_um", same(Some(decided.cz), Some(cz)), number(Some(decided.cz)), number(Some(cz))),
         ("model", decided.model == outcome.model, decided.model.clone(), outcome.model.to_owned()),
         ("state", decided.state == decision.state.name(), decided.state.clone(), decision.state.to_string()),
         ("acted", decided.acted == acted, decided.acted.clone(), acted.clone()),
+        ("expected_um", same(logged, expected), number(logged), number(expected)),
     ];
     let (column, _, recorded, replayed) = columns.into_iter().find(|(_, same, ..)| !same)?;
     Some(Difference { line, column: format!("{axis}_{column}"), recorded, replayed })

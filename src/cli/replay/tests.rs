@@ -8,7 +8,8 @@ use isotherm_core::compensation::{Control, Measured, Permit, Remembered};
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::{Reading, Reason};
 
-use isotherm_core::compensation::settings::{Datum, GainSettings, ProbeSettings};
+use isotherm_core::compensation::model::{Expected, Growth};
+use isotherm_core::compensation::settings::{Datum, Filter, GainSettings, ProbeSettings};
 
 mod lags;
 mod models;
@@ -215,7 +216,7 @@ fn logs_of(profile: &Profile, days: &[Event]) -> Vec<String> {
             };
             (controls[0].measured, controls[0].forget) = (event.probing.0.map(measured), event.probing.1);
         }
-        let snapshot = Snapshot { now, readings: &readings };
+        let snapshot = Snapshot::new(now, &readings);
         let running = event.midnight.then(|| compensation.running());
         if compensation.step(&snapshot, &controls).anything {
             if let Some(running) = running {
@@ -266,17 +267,26 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(128))]
 
     #[test]
-    fn what_probings_teach_comes_out_of_each_file_bit_for_bit(days in prop::collection::vec(any_event(), 1..150)) {
+    fn what_probings_teach_comes_out_of_each_file_bit_for_bit(
+        is_weighed: bool,
+        days in prop::collection::vec(any_event(), 1..150),
+    ) {
+        let weighed = Filter::Weighed { repeat: 2.0, walk: 40.0 };
         let mut profile = sample::profile();
         profile.axes[0].settings.datum = Datum::Zero;
         profile.axes[0].settings.probe = Some(ProbeSettings {
             limit: Micron::new(10.0).unwrap(),
-            filter: 0.3,
+            filter: if is_weighed { weighed } else { Filter::Share(0.3) },
             max_error: Micron::new(60.0).unwrap(),
             warn: None,
             gains: Some(GainSettings { forgetting: 0.97, limit: 0.2 }),
         });
-        come_out_again(&profile, &days, &["raw_um", "cz_um"].map(|name| format!("z_{name}")))?;
+        for (place, model) in profile.axes[0].settings.models.iter_mut().enumerate() {
+            let growth = |size: f64| Growth::new(0.9 * size, 0.1).unwrap();
+            let (since_datum, since_touch) = (growth(1.0), (place == 0).then(|| growth(0.7)));
+            model.expected = Some(Expected { since_datum, since_touch });
+        }
+        come_out_again(&profile, &days, &["raw_um", "cz_um", "expected_um"].map(|name| format!("z_{name}")))?;
     }
 }
 
@@ -284,7 +294,8 @@ proptest! {
 fn a_log_from_elsewhere_may_have_probings() {
     let mut profile = sample::profile();
     let um = |value| Micron::new(value).unwrap();
-    let probe = ProbeSettings { limit: um(10.0), filter: 1.0, max_error: um(60.0), warn: None, gains: None };
+    let filter = Filter::Share(1.0);
+    let probe = ProbeSettings { limit: um(10.0), filter, max_error: um(60.0), warn: None, gains: None };
     profile.axes[0].settings.probe = Some(probe);
     // Cz is 12 µm: at row 20 s, 1 µm acts, and 3 µm more than the model knows are missing.
     let log = "time,bed,wheelhead,z_measured_um,z_acting_um\n0,25,20,,\n10,25,20,,\n20,25,20,-14,1\n30,25,20,,\n\

@@ -87,10 +87,17 @@ fn axis_lines(name: &str, axis: &Value, dry_run: bool) -> String {
         let acted: Vec<&str> =
             axis["acted"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
         let guard = if acted.is_empty() { String::new() } else { format!("; guard: {}", acted.join(", ")) };
-        let _ = writeln!(text, "  model {model} asks for {}{guard}", micron(&axis["raw_um"]));
+        let expected = axis["expected_um"].as_f64();
+        let expected = expected.map_or(String::new(), |um| format!(", expected within ±{um:.1} µm (1 σ)"));
+        let _ = writeln!(text, "  model {model} asks for {}{expected}{guard}", micron(&axis["raw_um"]));
     }
     if let outside @ Value::Object(_) = &axis["extrapolating"] {
         let _ = writeln!(text, "  {}", word(&outside["text"]));
+    }
+    let probed = &axis["probe"]["last"];
+    if let Some(why) = probed["refused"].as_str() {
+        let (at, error) = (moment(&probed["at"]), micron(&probed["error_um"]));
+        let _ = writeln!(text, "  probed {error} at {at}, not learned from: {why}");
     }
     text
 }
@@ -153,5 +160,33 @@ fn aside(what: &Value) -> String {
     match word(&what["label"]) {
         "" => String::new(),
         label => format!("  ({label})"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn beside_what_a_model_asks_for_stands_how_wrong_it_is_expected_to_be_and_why_a_probing_was_not_believed()
+    {
+        let mut axis = json!({
+            "display": "compensating", "cz_um": -12.3, "verified_um": -12.3, "limit_um": 40.0, "model": "rises",
+            "raw_um": -12.34, "expected_um": 2.13, "acted": ["round"],
+            "probe": { "last": { "at": "2026-01-05T12:00:00Z", "error_um": 9.0, "refused": "measure again" } }
+        });
+        let text = axis_lines("z", &axis, false);
+        assert!(
+            text.contains("model rises asks for -12.3 µm, expected within ±2.1 µm (1 σ); guard: round\n"),
+            "{text}"
+        );
+        assert!(
+            text.contains("probed +9.0 µm at 2026-01-05 12:00:00, not learned from: measure again\n"),
+            "{text}"
+        );
+        (axis["expected_um"], axis["probe"]["last"]["refused"]) = (Value::Null, Value::Null);
+        let text = axis_lines("z", &axis, false);
+        assert!(text.contains("asks for -12.3 µm; guard: round\n") && !text.contains("probed"), "{text}");
     }
 }

@@ -7,7 +7,9 @@ use std::io::Read;
 use csv::StringRecord;
 use jiff::tz::TimeZone;
 
-use super::{ACTING, DECIDED, ERROR, FORGET, FROM, MEASURED, MEMORY, PERMIT, SIGN, SLOPE_FROM, TIME, ZERO};
+use super::{
+    ACTING, DECIDED, ERROR, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, SIGN, SLOPE_FROM, TIME, ZERO,
+};
 use isotherm_core::compensation::{Control, Measured, Permit, Remembered};
 use isotherm_core::quantity::{Dialect, Micron, Moment, time};
 use isotherm_core::reading::{Reading, Reason};
@@ -64,6 +66,8 @@ pub struct Decided {
     pub state: String,
     /// The stages of the guard that acted.
     pub acted: String,
+    /// What was expected to be left of the error, µm; `None` where the log does not have it.
+    pub expected: Option<Option<f64>>,
 }
 
 /// Gives the rows of a log, one after the other.
@@ -102,6 +106,7 @@ struct AxisColumns {
     sign: Option<usize>,
     error: Option<usize>,
     decided: Option<[usize; 5]>,
+    expected: Option<usize>,
 }
 
 /// A log whose clock runs wild would give a warning per row.
@@ -308,6 +313,10 @@ impl<R: Read> LogReader<R> {
             model: self.cell(model).to_owned(),
             state: self.cell(state).to_owned(),
             acted: self.cell(acted).to_owned(),
+            expected: match columns.expected {
+                Some(_) => Some(self.number(line, columns.expected)?),
+                None => None,
+            },
         }))
     }
 
@@ -376,6 +385,7 @@ impl Columns {
                 sign: of(SIGN),
                 error: of(ERROR),
                 decided,
+                expected: of(EXPECTED),
             }
         });
         Some(Columns {

@@ -3,8 +3,8 @@
 use std::io::Write;
 
 use super::{
-    ACTING, CLOCK, CORRECTION, DECIDED, DRY_RUN, FORGET, FROM, MEASURED, MEMORY, PERMIT, SIGN, SLOPE,
-    SLOPE_FROM, TIME, ZERO,
+    ACTING, CLOCK, CORRECTION, DECIDED, DRY_RUN, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, SIGN,
+    SLOPE, SLOPE_FROM, STOOD_IN, TIME, ZERO,
 };
 use crate::clock::Correction;
 use isotherm_core::compensation::{Control, Decision, Remembered, Snapshot};
@@ -20,6 +20,12 @@ pub struct Recorder {
     apart: Vec<bool>,
     /// By axis: errors are measured.
     probed: Vec<bool>,
+    /// By axis: some model says how wrong it is expected to be.
+    expected: Vec<bool>,
+    /// By axis: sensors may be stood in for.
+    watched: Vec<bool>,
+    /// Their names, ready to stand in a cell.
+    signals: Vec<String>,
     memory: Option<String>,
     axes: Vec<String>,
     zeroed: Vec<(Moment, Option<usize>)>,
@@ -42,6 +48,9 @@ impl Recorder {
             models,
             apart,
             probed,
+            expected: profile.axes.iter().map(Axis::says_how_wrong).collect(),
+            watched: profile.axes.iter().map(is_watched).collect(),
+            signals: profile.signals.iter().map(|signal| cell(&signal.name)).collect(),
             memory: None,
             axes: profile.axes.iter().map(|axis| axis.settings.name.clone()).collect(),
             zeroed: Vec::new(),
@@ -68,7 +77,10 @@ impl Recorder {
         for axis in &profile.axes {
             let slope = axis.settings.intercept_slope.map(|_| [SLOPE_FROM, SLOPE]);
             let probe = axis.settings.probe.map(|_| [MEASURED, ACTING, FORGET, CORRECTION]);
+            let expected = axis.says_how_wrong().then_some(EXPECTED);
+            let stood_in = is_watched(axis).then_some(STOOD_IN);
             let more = slope.into_iter().flatten().chain(probe.into_iter().flatten());
+            let more = more.chain(expected).chain(stood_in);
             for column in [PERMIT, FROM].into_iter().chain(DECIDED).chain([SIGN]).chain(more) {
                 header += ",";
                 header += &cell(&format!("{}_{column}", axis.settings.name));
@@ -110,8 +122,11 @@ impl Recorder {
         for reading in snapshot.readings {
             optional(&mut self.line, reading.usable());
         }
-        let axes = self.models.iter().zip(&self.apart).zip(&self.probed);
-        for ((control, decision), ((models, apart), probed)) in controls.iter().zip(decisions).zip(axes) {
+        let axes =
+            self.models.iter().zip(&self.apart).zip(&self.probed).zip(&self.expected).zip(&self.watched);
+        for ((control, decision), ((((models, apart), probed), expected), watched)) in
+            controls.iter().zip(decisions).zip(axes)
+        {
             let model = decision.model.and_then(|place| models.get(place)).map_or("", String::as_str);
             let line = &mut self.line;
             text(line, control.permit.name());
@@ -133,6 +148,13 @@ impl Recorder {
                 optional(line, acting.map(|acting| acting.get()));
                 text(line, if control.forget { "1" } else { "" });
                 optional(line, Some(decision.correction.get()));
+            }
+            if *expected {
+                optional(line, decision.expected.map(|expected| expected.get()));
+            }
+            if *watched {
+                let signal = decision.stood_in.and_then(|found| self.signals.get(found.signal.0));
+                text(line, signal.map_or("", String::as_str));
             }
         }
         text(&mut self.line, self.memory.take().as_deref().unwrap_or_default());
@@ -157,6 +179,11 @@ impl Recorder {
         self.line.push(b'\n');
         &self.line
     }
+}
+
+/// What its models read is watched for standing still.
+fn is_watched(axis: &Axis) -> bool {
+    axis.settings.models.iter().any(|model| model.stand_ins.is_some())
 }
 
 fn text(line: &mut Vec<u8>, text: &str) {

@@ -155,7 +155,7 @@ fn a_recorded_row_reads_as_what_was_recorded() {
         Control { permit: Permit::Armed, take_over: Micron::new(0.1 + 0.2), ..Control::default() },
         Control { permit: Permit::Unverified, ..Control::default() },
     ];
-    let snapshot = Snapshot { now, readings: &readings };
+    let snapshot = Snapshot::new(now, &readings);
     compensation.step(&snapshot, &controls);
     let mut log = Recorder::header(&profile).into_bytes();
     log.extend_from_slice(recorder.row(&snapshot, &controls, compensation.decisions()));

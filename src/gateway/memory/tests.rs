@@ -42,7 +42,7 @@ fn run(
         let values = [20.0 + 0.0015 * time, 20.0 - 0.0005 * time, 1.0, 0.0];
         let readings = values.map(|value| Reading::good(value, now));
         let control = Control { permit: Permit::Armed, take_over: take_over.take(), ..Control::default() };
-        compensation.step(&Snapshot { now, readings: &readings }, &[control; 2]);
+        compensation.step(&Snapshot::new(now, &readings), &[control; 2]);
         found.push(compensation.decision(0).unwrap().cz);
     }
     found

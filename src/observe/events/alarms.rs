@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::{Entry, Event, Level, PagePort};
+use super::{Entry, Event, Level, PagePort, StandIn};
 
 /// One that stands.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -107,6 +107,8 @@ impl Event {
             }
             Event::Extrapolating { axis, .. } => raises("inputs of axis", axis),
             Event::Interpolating { axis } => ends(&[("inputs of axis", axis)]),
+            Event::StandIn(StandIn::Taken { axis, .. }) => raises("sensor of axis", axis),
+            Event::StandIn(StandIn::Over { axis, .. }) => ends(&[("sensor of axis", axis)]),
             Event::VerifyFailed { output, .. } | Event::WriteFailed { output, .. } => {
                 raises("output", output)
             }

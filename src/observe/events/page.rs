@@ -1,8 +1,8 @@
-//! What becomes of the page's port.
+//! What becomes of the page's port, and of the tokens with which people come in.
 
 use serde::Serialize;
 
-use super::{Described, info, warning};
+use super::{Described, error, info, warning};
 
 /// The page is not served although the profile says so, or is at last.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -33,6 +33,38 @@ impl PagePort {
                 ),
             ),
             PagePort::Open { listen } => info("page-open", format!("the page listens on {listen}")),
+        }
+    }
+}
+
+/// A token file of the page was changed while the gateway ran.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(untagged)]
+pub enum PageToken {
+    /// It holds another one.
+    Changed {
+        /// Whose: viewer, operator.
+        role: &'static str,
+    },
+    /// There is none to be had.
+    Gone {
+        /// Whose: viewer, operator.
+        role: &'static str,
+        /// A sentence.
+        why: String,
+    },
+}
+
+impl PageToken {
+    pub(super) fn described(&self) -> Described {
+        match self {
+            PageToken::Changed { role } => info(
+                "token-changed",
+                format!("the {role}'s token is another one now; who signed in with the old one is gone"),
+            ),
+            PageToken::Gone { role, why } => {
+                error("token-gone", format!("the {role}'s token is none any more: {why}"))
+            }
         }
     }
 }

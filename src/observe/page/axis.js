@@ -2,17 +2,25 @@
 
 import { Probe } from "./probe.js";
 import { Sign } from "./sign.js";
-import { axisState, badge } from "./states.js";
-import { element, fixed, say, signed, span, titled } from "./text.js";
+import { axisState, badge, expected } from "./states.js";
+import { clock, element, fixed, say, signed, span, titled } from "./text.js";
 import { english, known, t } from "./words.js";
 
 const STAGES = ["limit", "deadband", "step", "rate", "round"];
+
+// Of which sensor the others say what it would read, and since when; empty where the axis waits for something else.
+function standsIn({ state, stood_in: found }) {
+  if (state !== "degraded" || !found) return "";
+  const { signal, since, others } = found;
+  return t(found.frozen ? "stood_in.frozen" : "stood_in.lost", { signal, others, time: clock(new Date(since), false) });
+}
 
 class Card {
   constructor(axis, command) {
     const { name } = axis;
     this.state = element("span", { className: "badge" });
     this.value = element("span", { className: "figure" });
+    this.expected = element("span", { className: "expected", title: t("expected_title") });
     this.stands = element("span", { className: "quiet" });
     this.raw = element("dd");
     this.model = element("dd");
@@ -35,7 +43,7 @@ class Card {
       element("p", { className: "why" }, this.does, " ", this.why),
       this.waiting,
       element("p", { className: "cz" }, element("abbr", { title: t("cz_title") }, "Cz"), " ",
-        this.value, " ", element("span", { className: "unit" }, "µm"), " ", this.stands),
+        this.value, " ", element("span", { className: "unit" }, "µm"), " ", this.expected, " ", this.stands),
       this.bar.root,
       element("dl", { className: "facts" },
         element("div", {}, element("dt", {}, t("raw")), this.raw),
@@ -53,7 +61,7 @@ class Card {
     const uneasy = tone === "good" && (axis.warned || axis.extrapolating);
     badge(this.state, uneasy ? "warn" : tone, name);
     const warned = axis.warned ? t("warned", { um: fixed(axis.warn_um, 0) }) : "";
-    const why = [axis.why || axis.extrapolating?.text, warned].filter(Boolean).join("; ");
+    const why = [standsIn(axis) || axis.why || axis.extrapolating?.text, warned].filter(Boolean).join("; ");
     say(this.does, why ? `${sentence}:` : sentence);
     say(this.why, why);
     this.waiting.hidden = axis.waiting === null;
@@ -67,6 +75,7 @@ class Card {
     // What was verified stands there; what is wanted may still be on its way, or never arrive.
     const isKnown = axis.verified_um !== null;
     say(this.value, signed(isKnown ? axis.verified_um : axis.cz_um, 1));
+    say(this.expected, expected(axis));
     say(this.stands, isKnown
       ? t("verified_ago", { span: span(axis.verified_age_s), um: signed(axis.cz_um, 1) })
       : t("not_verified"));

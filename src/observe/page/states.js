@@ -1,6 +1,6 @@
 // A sign, a tone, a word and a sentence for every state. The sign and the text carry the meaning, the tone repeats it.
 
-import { labelled, say } from "./text.js";
+import { fixed, labelled, say } from "./text.js";
 import { known, t } from "./words.js";
 
 export const SIGNS = { good: "●", warn: "▲", bad: "■", off: "○" };
@@ -16,6 +16,13 @@ const stateOf = (axis) => (axis.state === "off" && !axis.has_model ? "unmodelled
 export function axisState(axis, status) {
   const tone = status.stopping ? "off" : AXIS[axis.state] ?? "warn";
   return [tone, known("state", stateOf(axis)), known("does", stateOf(axis))];
+}
+
+// How wrong Cz is expected to be, where it is what the model asks for.
+export function expected(axis) {
+  const follows = axis.state === "active" || axis.state === "degraded";
+  if (!follows || axis.expected_um === null || axis.acted.includes("limit")) return "";
+  return t("expected", { um: fixed(axis.expected_um, 1) });
 }
 
 const OUTPUT = {

@@ -1,7 +1,7 @@
 // What is read from three metres: one word for the machine, and a figure for each axis.
 
 import { follow } from "./live.js";
-import { SIGNS, axisState, overall } from "./states.js";
+import { SIGNS, axisState, expected, overall } from "./states.js";
 import { bothTimes, element, say, signed, titled } from "./text.js";
 import { t } from "./words.js";
 
@@ -11,11 +11,15 @@ const axes = new Map();
 if (location.search !== "?view=wall") history.replaceState(null, "", "/?view=wall");
 
 function panel(axis) {
-  const parts = { figure: element("span", { className: "figure" }), state: element("p", { className: "state" }) };
+  const parts = {
+    figure: element("span", { className: "figure" }),
+    expected: element("p", { className: "expected" }),
+    state: element("p", { className: "state" }),
+  };
   by("axes").append(element("section", {},
     element("h2", {}, titled(t("axis", { names: axis.name }), axis)),
     element("p", { className: "cz" }, parts.figure, " ", element("span", { className: "unit" }, "µm")),
-    parts.state));
+    parts.expected, parts.state));
   axes.set(axis.name, parts);
   return parts;
 }
@@ -27,10 +31,11 @@ follow((status) => {
   say(by("sentence"), sentence);
   say(by("time"), bothTimes(new Date(status.now)).filter(Boolean).join(" · "));
   for (const axis of status.axes) {
-    const { figure, state } = axes.get(axis.name) ?? panel(axis);
+    const { figure, expected: within, state } = axes.get(axis.name) ?? panel(axis);
     const [its, name] = axisState(axis, status);
     // What was verified stands there; what is wanted may still be on its way, or never arrive.
     say(figure, signed(axis.verified_um ?? axis.cz_um, 1));
+    say(within, expected(axis));
     say(state, `${SIGNS[its]} ${name}${axis.verified_um === null ? ` · ${t("not_verified")}` : ""}`);
   }
 }, (sentence, stopped) => {

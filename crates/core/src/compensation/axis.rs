@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::datum::Zeroing;
 use super::guard::{Guard, Pace};
-use super::model::{CLEARLY_INSIDE, Coverage, Evaluated, Inputs, Lag, Model, Outside, Reference, Unusable};
+use super::model::{CLEARLY_INSIDE, Lag, Outside, Reference};
 use super::probe::Probe;
 use super::reference::Machine;
 use super::remembered::AxisRemembered;
@@ -12,13 +12,21 @@ use super::settings::{AxisSettings, Datum, GuardSettings, MachineSettings, OnFau
 use super::{AxisRunning, AxisState, Control, Decision, Permit, Snapshot, Stages};
 use crate::quantity::{Micron, Moment};
 
+mod choose;
+mod expected;
 mod learn;
+mod watched;
+
+use choose::Chosen;
+pub(super) use watched::Watched;
 
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
     pub(super) settings: AxisSettings,
     /// By model, by term.
     lags: Vec<Vec<Lag>>,
+    /// By model.
+    watched: Vec<Watched>,
     zeroing: Zeroing,
     pub(super) probe: Probe,
     guard: Guard,
@@ -34,26 +42,12 @@ pub(super) struct Axis {
     pub(super) decision: Decision,
 }
 
-/// What the first usable model asks for.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Chosen {
-    /// Its place in the profile's list.
-    pub(super) model: usize,
-    /// Cz; where the slope is split off, K0.
-    pub(super) raw: Micron,
-    /// What of it probings have added.
-    correction: Micron,
-    /// What the slope comes to at the reach.
-    slope: Micron,
-    /// Where the machine is in or outside what the model was identified on.
-    coverage: Option<Coverage>,
-}
-
 impl Axis {
     pub(super) fn new(settings: AxisSettings) -> Axis {
         let decision = Decision {
             at: Moment::default(),
             raw: None,
+            expected: None,
             correction: Micron::ZERO,
             model: None,
             cz: Micron::ZERO,
@@ -61,6 +55,7 @@ impl Axis {
             state: AxisState::Off,
             acted: Stages::default(),
             lacks: None,
+            stood_in: None,
             tripped: false,
             extrapolating: None,
             excess: None,
@@ -68,6 +63,7 @@ impl Axis {
         let lags = settings.models.iter().map(|model| model.rises().map(|_| Lag::default()).collect());
         Axis {
             lags: lags.collect(),
+            watched: Watched::all(&settings.models),
             zeroing: Zeroing::new(settings.models.len()),
             probe: Probe::new(&settings.models, settings.probe.as_ref()),
             settings,
@@ -90,6 +86,7 @@ impl Axis {
                 *lag = remembered.lag(&model.name, place, input);
             }
         }
+        remembered.recall_watches(&self.settings.models, &mut self.watched);
         if self.settings.datum == Datum::Zero {
             self.zeroing = remembered.zeroing(self.settings.models.iter().map(|model| model.name.as_str()));
         }
@@ -100,7 +97,7 @@ impl Axis {
 
     /// What is worth keeping over a restart; `None` where that is nothing.
     pub(super) fn remembered(&self) -> Option<AxisRemembered> {
-        AxisRemembered::of(&self.settings, &self.lags, &self.zeroing, &self.probe)
+        AxisRemembered::of(&self.settings, &self.lags, &self.watched, &self.zeroing, &self.probe)
     }
 
     /// Takes up where it stood in the middle of a run.
@@ -127,15 +124,6 @@ impl Axis {
         }
     }
 
-    /// The lags go on to this snapshot, those of an axis that is not due or not armed too: its structure does not wait.
-    pub(super) fn follow(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
-        for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
-            for (input, lag) in model.rises().zip(lags) {
-                lag.follow(input, snapshot, machine);
-            }
-        }
-    }
-
     /// The datum is taken from now on.
     pub(super) fn zero(&mut self, machine: &MachineSettings, now: Moment) {
         if self.settings.datum == Datum::Zero {
@@ -147,6 +135,10 @@ impl Axis {
     /// The machine was started: what is measured from that is captured from now on.
     pub(super) fn started(&mut self, machine: &MachineSettings, now: Moment) {
         self.renew(Reference::Start, now.after(machine.settle));
+        self.watched
+            .iter_mut()
+            .filter_map(|watched| watched.watch.as_mut())
+            .for_each(|watch| watch.started(now));
     }
 
     /// At its period; at once where it never ran, where time went back, and where its control says something new.
@@ -155,71 +147,12 @@ impl Axis {
         now >= due || now < last || control.permit != self.permit || control.takes_over() || control.teaches()
     }
 
-    fn evaluate(
-        &self,
-        place: usize,
-        snapshot: &Snapshot<'_>,
-        machine: &Machine,
-    ) -> Result<Evaluated, Unusable> {
-        let (model, inputs) = self.model(place, snapshot, machine).ok_or(Unusable::NotANumber)?;
-        model.evaluate(&inputs)
-    }
-
-    /// A model, and what it is evaluated from.
-    fn model<'a>(
-        &'a self,
-        place: usize,
-        snapshot: &'a Snapshot<'a>,
-        machine: &'a Machine,
-    ) -> Option<(&'a Model, Inputs<'a>)> {
-        let lags = self.lags.get(place).map(Vec::as_slice).unwrap_or_default();
-        let inputs =
-            Inputs { snapshot, machine, lags, splits_slope: self.settings.intercept_slope.is_some() };
-        Some((self.settings.models.get(place)?, inputs))
-    }
-
-    /// The first model whose signals are all good, with its value, and what the preferred one lacks. One that only
-    /// waits for a reference or for the machine's start is waited for: fallback models stand in for broken sensors.
-    pub(super) fn choose(
-        &self,
-        snapshot: &Snapshot<'_>,
-        machine: &Machine,
-    ) -> (Option<Chosen>, Option<Unusable>) {
-        let mut lacks = None;
-        for place in 0..self.settings.models.len() {
-            match self.evaluate(place, snapshot, machine) {
-                Ok(evaluated) => {
-                    let correction = self.correction(place, snapshot, machine);
-                    return (self.chosen(place, evaluated, correction), lacks);
-                }
-                Err(reason @ (Unusable::Reference(_) | Unusable::MachineOff)) => {
-                    return (None, lacks.or(Some(reason)));
-                }
-                Err(reason) => lacks = lacks.or(Some(reason)),
-            }
-        }
-        (None, lacks)
-    }
-
-    /// Where its envelope shrinks, what is left of the datum and of the correction shrinks with it: far outside Cz goes
-    /// to zero.
-    fn chosen(&self, model: usize, evaluated: Evaluated, correction: f64) -> Option<Chosen> {
-        let Evaluated { outputs, coverage } = evaluated;
-        let datum = self.zeroing.of(model);
-        let gain = coverage.and_then(|coverage| coverage.extrapolating).map_or(1.0, |found| found.gain);
-        let reach = self.settings.intercept_slope.map_or(0.0, |line| line.reach.get());
-        Some(Chosen {
-            model,
-            raw: Micron::new((outputs.cz.get() - datum.cz.get() + correction) * gain)?,
-            correction: Micron::new(correction * gain)?,
-            slope: Micron::new((outputs.slope.get() - datum.slope.get()) * gain * reach)?,
-            coverage,
-        })
-    }
-
     pub(super) fn step(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, control: Control) {
         let now = snapshot.now;
         let dt = self.stepped.map_or(self.settings.every, |last| now.since(last));
+        if control.permit == Permit::Off && self.permit != Permit::Off {
+            self.trust(now);
+        }
         if self.zeroing.is_open() {
             let mut zeroing = std::mem::take(&mut self.zeroing);
             zeroing
@@ -241,7 +174,7 @@ impl Axis {
         let followed = chosen.filter(|_| !self.tripped);
         let keeps =
             control.permit == Permit::Armed && followed.is_some_and(|chosen| self.keeps_outside(&chosen));
-        self.state = self.next_state(now, followed.map(|chosen| chosen.model), control.permit, keeps);
+        self.state = self.next_state(now, followed, control.permit, keeps);
         self.kept_outside = keeps;
         let (cz, slope, acted) = self.guarded(followed, control.sign, dt);
         if self.state == AxisState::Ramping && cz == Micron::ZERO && slope == Micron::ZERO {
@@ -250,6 +183,7 @@ impl Axis {
         self.decision = Decision {
             at: now,
             raw: chosen.map(|chosen| chosen.raw),
+            expected: chosen.and_then(|chosen| self.expected(&chosen, now, machine)),
             correction: chosen.map_or(Micron::ZERO, |chosen| chosen.correction),
             model: chosen.map(|chosen| chosen.model),
             cz,
@@ -257,6 +191,7 @@ impl Axis {
             state: self.state,
             acted,
             lacks,
+            stood_in: chosen.and_then(|chosen| chosen.stood_in),
             tripped: self.tripped,
             extrapolating: chosen.and_then(|chosen| chosen.coverage?.extrapolating),
             excess: chosen.and_then(|chosen| chosen.coverage).map(|coverage| coverage.excess),
@@ -341,7 +276,7 @@ impl Axis {
         begins || (self.kept_outside && coverage.extrapolating.is_none() && coverage.excess >= CLEARLY_INSIDE)
     }
 
-    fn next_state(&self, now: Moment, followed: Option<usize>, permit: Permit, outside: bool) -> AxisState {
+    fn next_state(&self, now: Moment, followed: Option<Chosen>, permit: Permit, outside: bool) -> AxisState {
         let keeps = permit == Permit::Held || outside;
         match (permit, followed) {
             (Permit::Off, _) => AxisState::Off,
@@ -351,7 +286,7 @@ impl Axis {
                 AxisState::Holding(since) => AxisState::Holding(since),
                 _ => AxisState::Holding(now),
             },
-            (Permit::Armed, Some(0)) => AxisState::Active,
+            (Permit::Armed, Some(Chosen { model: 0, stood_in: None, .. })) => AxisState::Active,
             (Permit::Armed, Some(_)) => AxisState::Degraded,
             (Permit::Armed | Permit::Unverified | Permit::Held, _) => self.fault_action(now, false),
             (Permit::Stopping, _) => self.fault_action(now, true),

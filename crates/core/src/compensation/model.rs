@@ -4,7 +4,9 @@ use crate::reading::SignalId;
 
 pub mod envelope;
 pub mod network;
+pub mod stand_ins;
 
+mod expected;
 mod formula;
 mod input;
 mod lag;
@@ -14,12 +16,14 @@ mod term;
 
 pub use super::reference::Reference;
 pub use envelope::{Beyond, CLEARLY_INSIDE, Coverage, Envelope, Extrapolation, Outside};
+pub use expected::{Expected, Growth};
 pub use formula::{Condition, Expression, ExpressionError, Formula, Symbol};
 pub use input::{Input, Rises};
 pub use lag::{Lag, Lagged};
 pub use linear::{Linear, Slope};
 pub use matrix::Matrix;
 pub use network::Network;
+pub use stand_ins::StandIns;
 pub use term::Term;
 
 use serde::{Deserialize, Serialize};
@@ -37,6 +41,10 @@ pub struct Model {
     pub kind: Kind,
     /// The region it was identified on, where the profile names one.
     pub envelope: Option<Envelope>,
+    /// How wrong it was on runs that it had not seen, where the profile says so.
+    pub expected: Option<Expected>,
+    /// What its sensors say of each other, where the profile names a file of it.
+    pub stand_ins: Option<StandIns>,
 }
 
 /// The kinds of models. A new one is a file beside the others, a variant here and its line in `Kind::model`.
@@ -101,6 +109,8 @@ pub enum Unusable {
     Reference(SignalId),
     /// The machine has not been seen running: there is no time since its start.
     MachineOff,
+    /// The reading of this signal is frozen, and nothing stands in for it.
+    Frozen(SignalId),
     /// The result is not a finite number (a division by zero, a root of a negative number).
     NotANumber,
 }
@@ -109,7 +119,7 @@ pub enum Unusable {
 #[derive(Clone, Copy, Debug)]
 pub struct Inputs<'a> {
     /// The readings.
-    pub snapshot: &'a Snapshot<'a>,
+    pub snapshot: Snapshot<'a>,
     /// The time since machine start, and references.
     pub machine: &'a Machine,
     /// One for each of [`Model::rises`], in their order.
@@ -125,13 +135,15 @@ pub struct Outputs {
     pub cz: Micron,
     /// tanβ where it is split off, else zero.
     pub slope: MicronPerMillimetre,
+    /// What the two halves of the model differ by; zero where it has none.
+    pub apart: Micron,
 }
 
 impl Outputs {
     /// Of µm and µm/mm as they were computed.
     pub(super) fn of(cz: f64, slope: f64) -> Result<Outputs, Unusable> {
         let outputs = Micron::new(cz).zip(MicronPerMillimetre::new(slope));
-        outputs.map(|(cz, slope)| Outputs { cz, slope }).ok_or(Unusable::NotANumber)
+        outputs.map(|(cz, slope)| Outputs { cz, slope, apart: Micron::ZERO }).ok_or(Unusable::NotANumber)
     }
 }
 
@@ -145,6 +157,11 @@ pub struct Evaluated {
 }
 
 impl Model {
+    /// A model that knows no bounds.
+    pub fn new(name: String, kind: Kind) -> Model {
+        Model { name, kind, envelope: None, expected: None, stand_ins: None }
+    }
+
     /// What may lag, in order, one [`Lag`] for each: the inputs of its terms, those of the slope last; of a matrix its
     /// blocks, of a network what it reads.
     pub fn rises(&self) -> impl Iterator<Item = &Input> {
@@ -169,14 +186,30 @@ impl Model {
     /// # Errors
     /// What is missing.
     pub fn evaluate(&self, inputs: &Inputs<'_>) -> Result<Evaluated, Unusable> {
-        let outputs = self.outputs(inputs)?;
+        let outputs = Outputs { apart: self.apart(inputs)?, ..self.outputs(inputs)? };
         let envelope = self.envelope.as_ref().map(|envelope| envelope.coverage(inputs)).transpose()?;
-        Ok(Evaluated { outputs, coverage: worse(envelope, self.kind.model().coverage(inputs.snapshot)) })
+        Ok(Evaluated { outputs, coverage: worse(envelope, self.kind.model().coverage(&inputs.snapshot)) })
+    }
+
+    /// What its two halves differ by now.
+    fn apart(&self, inputs: &Inputs<'_>) -> Result<Micron, Unusable> {
+        let apart = self.envelope.as_ref().map_or(&[][..], Envelope::apart);
+        let mut sum = 0.0;
+        for ((place, term), apart) in self.correctable().iter().enumerate().zip(apart) {
+            sum += apart * term.input.rise(inputs, inputs.lags.get(place).unwrap_or(&Lag::NONE))?.get();
+        }
+        Micron::new(sum).ok_or(Unusable::NotANumber)
     }
 
     /// The terms whose gains can be corrected: those of a linear model, without its slope's.
     pub fn correctable(&self) -> &[Term] {
         self.kind.model().correctable().map_or(&[], |linear| &linear.terms)
+    }
+
+    /// The terms of a linear model that is nothing but their sum: no slope, which would add what is not in them.
+    pub fn sum(&self) -> &[Term] {
+        let plain = self.kind.model().correctable().filter(|linear| linear.slope.is_none());
+        plain.map_or(&[], |linear| &linear.terms)
     }
 
     /// What each of them contributes to Cz now, µm; NaN where it contributes nothing that could be used.

@@ -4,8 +4,10 @@
 //! `Cz_acting − e`, and what a model lacks of that is its residual r:
 //!
 //! ```text
-//! r = (Cz_acting − e) − (model's Cz + correction)        correction += filter · r        |correction| ≤ limit
+//! r = (Cz_acting − e) − (model's Cz + correction)        correction += K · r        |correction| ≤ limit
 //! ```
+//!
+//! K is a fixed share, or what the certainty of the correction makes it.
 //!
 //! Where Cz had arrived at what the model asks for, `r = −e`. Where it had not (a ramp after arming, a limit, a register
 //! that stands while the axis is off), what is still under way is not counted as the model's fault.
@@ -14,7 +16,8 @@
 //! - The correction is added to the raw Cz, before the guard: it reaches the register in steps and never in one.
 //! - Each model has its own; a probing teaches every model that has a value then, so that changing to a fallback model loses
 //!   nothing. A model with an envelope that holds or shrinks it learns nothing outside.
-//! - A residual beyond `max_error` is not believed.
+//! - A residual beyond `max_error` is not believed. One that the model cannot have come to since it was last certain
+//!   waits for a second one that agrees with it.
 //! - Where what a model is measured from is captured anew (a zero, a machine start), the correction begins at nothing
 //!   there: what it made up for is in the new datum. Gains that were learned go on from that point.
 
@@ -27,10 +30,12 @@ use super::model::Model;
 use super::settings::ProbeSettings;
 use crate::quantity::{Micron, Moment, shifted};
 
+mod certainty;
 mod gains;
 mod learned;
 mod remembered;
 
+pub(super) use certainty::Occasion;
 pub(super) use learned::Learned;
 pub(super) use remembered::ProbeRemembered;
 
@@ -63,7 +68,7 @@ pub struct Probed {
 }
 
 /// Why nothing is learned from a measured error.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Refused {
     /// No model can be used.
@@ -74,6 +79,9 @@ pub enum Refused {
     Outside,
     /// The model would be wrong by more than `max_error`.
     Implausible,
+    /// The model would be wrong by more than it can have come to, which is this much: a second probing that agrees is
+    /// waited for.
+    Doubted(Micron),
 }
 
 /// A residual that was learned from.

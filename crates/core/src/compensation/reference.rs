@@ -45,6 +45,9 @@ struct Capture {
     #[serde(default)]
     at: Moment,
     gathering: Option<Gathering>,
+    /// What of the time since then was not counted, at most: the machine was away.
+    #[serde(default, skip_serializing_if = "Duration::is_zero")]
+    away: Duration,
 }
 
 /// A reference value.
@@ -91,6 +94,25 @@ impl Machine {
     pub(super) fn counted_until(self, at: Moment) -> Machine {
         let on_before = self.on_time(at).unwrap_or_default();
         Machine { on_since: self.on_since.map(|_| at), on_before, ..self }
+    }
+
+    /// The same machine, after it was away for at most so long.
+    pub(super) fn away(mut self, span: Duration) -> Machine {
+        for capture in self.start.iter_mut().chain(&mut self.zero) {
+            capture.away = capture.away.saturating_add(span);
+        }
+        self
+    }
+
+    /// How long ago the reference of a term was captured, at most: while the machine was away it grew older. `None` for a
+    /// number, and while none has been captured.
+    pub fn age(&self, reference: Reference, signal: SignalId, now: Moment) -> Option<Duration> {
+        let capture = match reference {
+            Reference::Fixed(_) => return None,
+            Reference::Start => self.start.get(signal.0)?,
+            Reference::Zero => self.zero.get(signal.0)?,
+        };
+        capture.value.map(|_| now.since(capture.at).saturating_add(capture.away))
     }
 
     /// How long the machine has been running; `None` before it was first seen running.
@@ -206,7 +228,7 @@ impl Capture {
         }
         if now >= gathering.until {
             self.value = Some(gathering.sum / f64::from(gathering.count));
-            self.at = now;
+            (self.at, self.away) = (now, Duration::ZERO);
             self.gathering = None;
         }
     }

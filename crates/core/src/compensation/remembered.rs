@@ -9,11 +9,13 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::AxisRunning;
+use super::axis::Watched;
 use super::datum::{Level, Zeroing};
-use super::model::{Input, Lag, Lagged, Reference};
+use super::model::{Input, Lag, Lagged, Model, Reference};
 use super::probe::{Probe, ProbeRemembered};
 use super::reference::Machine;
 use super::settings::{AxisSettings, Datum};
+use super::stand_in::WatchRemembered;
 use crate::quantity::{Moment, Shift, Shifted, shifted};
 
 /// The memory of a machine.
@@ -38,8 +40,13 @@ pub struct AxisRemembered {
     datum: Vec<DatumRemembered>,
     /// When a datum that is being taken will be complete.
     datum_until: Option<Moment>,
+    /// When the last one was complete.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    datum_at: Option<Moment>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     probe: Option<ProbeRemembered>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    watches: Vec<WatchRemembered>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,6 +57,8 @@ struct TermRemembered {
     signal: usize,
     constant: Duration,
     reference: ReferenceKind,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    squared: bool,
     lagged: Lagged,
 }
 
@@ -94,12 +103,31 @@ impl Remembered {
     #[must_use]
     pub fn going_on(self, kept: Moment, now: Moment, stop: Stop) -> Remembered {
         let mut going_on = self.counted_until(kept).shifted(Shift::between(kept, now));
-        let back = Shift::between(now, now.before(stop.by_the_clock.unwrap_or_default()));
+        let back = |span| Shift::between(now, now.before(span));
+        let away = (back(stop.by_the_clock.unwrap_or_default()), back(stop.of_lags()));
+        going_on.machine = going_on.machine.away(stop.of_lags());
         for axis in &mut going_on.axes {
             axis.lags.iter_mut().for_each(|term| term.lagged = term.lagged.away(stop.of_lags()));
-            axis.probe.iter_mut().for_each(|probe| probe.away(back));
+            axis.probe.iter_mut().for_each(|probe| probe.away(away));
+            axis.watches.iter_mut().for_each(|watch| watch.away(stop.of_lags()));
+            axis.datum_at.shift(away.1);
         }
         going_on
+    }
+
+    /// The axis and the model, by name, whose stand-ins are not those of the file that this was kept with.
+    pub fn other_stand_ins<'a>(
+        &'a self,
+        axes: impl IntoIterator<Item = &'a AxisSettings>,
+    ) -> Option<(&'a str, &'a str)> {
+        axes.into_iter().find_map(|settings| {
+            let kept = self.axis(&settings.name)?;
+            kept.watches.iter().find_map(|watch| {
+                let model = settings.models.iter().find(|model| model.name == watch.model)?;
+                let is_other = model.stand_ins.as_ref()?.fingerprint() != watch.file;
+                is_other.then_some((settings.name.as_str(), model.name.as_str()))
+            })
+        })
     }
 
     /// Where an axis stood.
@@ -114,7 +142,7 @@ impl Remembered {
 }
 
 shifted!(Remembered: machine, axes, running);
-shifted!(AxisRemembered: lags, datum_until, probe);
+shifted!(AxisRemembered: lags, datum_until, datum_at, probe, watches);
 shifted!(TermRemembered: lagged);
 
 /// How long nobody counted, between two runs. The wall's clock says so, if it can be believed.
@@ -152,6 +180,7 @@ impl AxisRemembered {
     pub(super) fn of(
         settings: &AxisSettings,
         lags: &[Vec<Lag>],
+        watched: &[Watched],
         zeroing: &Zeroing,
         probe: &Probe,
     ) -> Option<AxisRemembered> {
@@ -165,6 +194,7 @@ impl AxisRemembered {
                     signal: input.signal.0,
                     constant,
                     reference: input.reference.into(),
+                    squared: input.squared,
                     lagged,
                 });
             }
@@ -172,14 +202,21 @@ impl AxisRemembered {
         let (levels, datum_until) = zeroing.kept();
         let datum = settings.models.iter().zip(levels).filter(|_| settings.datum == Datum::Zero);
         let datum = datum.map(|(model, level)| DatumRemembered { model: model.name.clone(), level: *level });
+        let watches = settings.models.iter().zip(watched).filter_map(|(model, watched)| {
+            let (settings, watch) = model.stand_ins.as_ref().zip(watched.watch.as_ref())?;
+            Some(watch.remembered(model, settings))
+        });
         let kept = AxisRemembered {
             axis: settings.name.clone(),
             lags: terms,
             datum: datum.collect(),
             datum_until,
+            datum_at: zeroing.at(),
             probe: settings.probe.map(|_| probe.remembered(&settings.models)),
+            watches: watches.collect(),
         };
-        (!kept.lags.is_empty() || !kept.datum.is_empty() || kept.probe.is_some()).then_some(kept)
+        let is_worth_it = !kept.lags.is_empty() || !kept.datum.is_empty() || !kept.watches.is_empty();
+        (is_worth_it || kept.probe.is_some()).then_some(kept)
     }
 
     pub(super) fn lag(&self, model: &str, place: usize, input: &Input) -> Lag {
@@ -187,8 +224,18 @@ impl AxisRemembered {
             kept.model == model
                 && (kept.term, kept.signal) == (place, input.signal.0)
                 && (Some(kept.constant), kept.reference) == (input.lag, input.reference.into())
+                && kept.squared == input.squared
         };
         self.lags.iter().find(same).map_or(Lag::default(), |kept| Lag::recalled(kept.lagged))
+    }
+
+    pub(super) fn recall_watches(&self, models: &[Model], watched: &mut [Watched]) {
+        for (model, watched) in models.iter().zip(watched) {
+            let kept = self.watches.iter().find(|kept| kept.model == model.name);
+            if let (Some(settings), Some(watch), Some(kept)) = (&model.stand_ins, &mut watched.watch, kept) {
+                watch.recall(kept, model, settings);
+            }
+        }
     }
 
     pub(super) fn probe(&self) -> Option<&ProbeRemembered> {
@@ -198,7 +245,8 @@ impl AxisRemembered {
     pub(super) fn zeroing<'a>(&self, models: impl Iterator<Item = &'a str>) -> Zeroing {
         let level = |name: &str| self.datum.iter().find(|kept| kept.model == name).map(|kept| kept.level);
         let first = self.datum.first().map(|kept| kept.level).unwrap_or_default();
-        Zeroing::recalled(models.map(|name| level(name).unwrap_or(first)).collect(), self.datum_until)
+        let models = models.map(|name| level(name).unwrap_or(first)).collect();
+        Zeroing::recalled(models, self.datum_until, self.datum_at)
     }
 }
 

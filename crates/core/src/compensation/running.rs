@@ -24,4 +24,4 @@ pub struct AxisRunning {
 }
 
 shifted!(AxisRunning: state, stepped, due, decision);
-shifted!(Decision: at);
+shifted!(Decision: at, stood_in);

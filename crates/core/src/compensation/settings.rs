@@ -37,14 +37,35 @@ pub struct AxisSettings {
 pub struct ProbeSettings {
     /// Largest correction of a model's Cz, µm.
     pub limit: Micron,
-    /// The share of a residual that one probing takes into the offset, above 0 and up to 1.
-    pub filter: f64,
+    /// How much of a residual one probing takes into the offset.
+    pub filter: Filter,
     /// A model that would be wrong by more than this is not what was measured: the probing is refused.
     pub max_error: Micron,
     /// A residual beyond it is reported: the model ages.
     pub warn: Option<Micron>,
     /// The gains of linear models learn as well.
     pub gains: Option<GainSettings>,
+}
+
+/// How much of a residual one probing takes into the offset of a model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Filter {
+    /// Always the same share of it, above 0 and up to 1.
+    Share(f64),
+    /// As much as the offset is less certain than the probing.
+    Weighed {
+        /// The probing's own standard deviation, µm. Above zero.
+        repeat: f64,
+        /// What an hour adds to the variance of the offset, µm²/h. Above zero.
+        walk: f64,
+    },
+}
+
+impl Filter {
+    /// The scatter of a probing where the profile does not name it, µm.
+    pub const REPEAT: f64 = 0.5;
+    /// The walk of an offset where the profile does not name it, µm²/h.
+    pub const WALK: f64 = 4.0;
 }
 
 /// How gains learn.

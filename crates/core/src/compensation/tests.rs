@@ -6,6 +6,7 @@ use crate::reading::Reason;
 use std::time::Duration;
 
 mod datum;
+mod expected;
 mod intercept_slope;
 mod lags;
 mod levels;
@@ -15,7 +16,9 @@ mod probes;
 mod properties;
 mod restarted;
 mod signs;
+mod stand_ins;
 mod states;
+mod weighed;
 
 const BED: SignalId = SignalId(0);
 const WHEELHEAD: SignalId = SignalId(1);
@@ -44,15 +47,12 @@ fn lagged<Gain: TryFrom<f64, Error = &'static str>>(
     reference: Reference,
     lag: Option<Duration>,
 ) -> Term<Gain> {
-    Term { input: Input { signal, reference, lag }, gain: of(gain) }
+    Term { input: Input::of(signal, reference, lag), gain: of(gain) }
 }
 
 fn linear(name: &str, offset: f64, terms: &[Term]) -> Model {
-    Model {
-        name: name.to_owned(),
-        kind: Kind::Linear(Linear { offset: um(offset), terms: terms.to_vec(), slope: None }),
-        envelope: None,
-    }
+    let kind = Kind::Linear(Linear { offset: um(offset), terms: terms.to_vec(), slope: None });
+    Model::new(name.to_owned(), kind)
 }
 
 fn formula(name: &str, text: &str) -> Model {
@@ -65,7 +65,7 @@ fn formula(name: &str, text: &str) -> Model {
         _ => None,
     };
     let expression = Expression::parse(text, &resolve).unwrap();
-    Model { name: name.to_owned(), kind: Kind::Formula(Formula { expression }), envelope: None }
+    Model::new(name.to_owned(), Kind::Formula(Formula { expression }))
 }
 
 /// M1: `Cz = Kz (A − B)`.
@@ -128,7 +128,7 @@ impl Rig {
             true => Reading::bad(now, Reason::Timeout),
             false => Reading::good(value, now),
         });
-        self.compensation.step(&Snapshot { now, readings: &readings }, &[self.control]);
+        self.compensation.step(&Snapshot::new(now, &readings), &[self.control]);
         self.control = Control { permit: self.control.permit, ..Control::default() };
         *self.compensation.decision(0).unwrap()
     }

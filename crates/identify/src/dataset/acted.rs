@@ -14,6 +14,11 @@ pub(super) fn tells_by_words(column: &str) -> bool {
     column.ends_with("_permit")
 }
 
+/// Whether what acted cannot be told without this column.
+pub(super) fn needs(column: &str) -> bool {
+    ["_permit", "_cz_um", "_slope_um", "_from_um"].iter().any(|end| column.ends_with(end))
+}
+
 /// Leaves of the gateway's decisions what acted: `<axis>_cz_um`, and `<axis>_slope_um` where the control is given the
 /// slope, each as it stood in the registers when the row was read. The table notes their names. Returns the columns of
 /// axes of which nobody knows what acted.

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::table::{Reader, Table, TooMuch};
-use super::{BadLog, Split, files};
+use super::{BadLog, Split, Uses, files};
 use isotherm_core::quantity::Dialect;
 use isotherm_profile::regular::{self, quoted};
 
@@ -11,12 +11,17 @@ use isotherm_profile::regular::{self, quoted};
 pub(super) const MOST_COLUMNS: usize = 10_000;
 
 /// Reads a file; the messages name its lines.
-pub(super) fn read(file: &Path, split: &Split) -> Result<Table, BadLog> {
-    from_text(file, files::open(file)?, split)
+pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
+    from_text(file, files::open(file)?, split, uses)
 }
 
 /// The same from anything that is read.
-pub(super) fn from_text(file: &Path, input: impl std::io::Read, split: &Split) -> Result<Table, BadLog> {
+pub(super) fn from_text(
+    file: &Path,
+    input: impl std::io::Read,
+    split: &Split,
+    uses: Uses<'_>,
+) -> Result<Table, BadLog> {
     let (first, input) = regular::first_line(input).map_err(|why| files::cannot_be_read(file, &why))?;
     let dialect = Dialect::of(&first, split.zone.clone());
     let header_is_wrong = |why: String| BadLog(vec![format!("{}, line 1: {why}", file.display())]);
@@ -33,7 +38,8 @@ pub(super) fn from_text(file: &Path, input: impl std::io::Read, split: &Split) -
         names.join(", ")
     );
     let by = split.column.as_deref();
-    let mut rows = Reader::new(file, names, ("line", dialect), by).ok_or_else(|| header_is_wrong(no_time))?;
+    let rows = Reader::new(file, names, ("line", dialect), by, uses);
+    let mut rows = rows.ok_or_else(|| header_is_wrong(no_time))?;
     let read: Vec<usize> = (0..width).filter(|place| rows.reads(*place)).collect();
     // One message for all of them: a decimal comma is in every line.
     let mut uneven: Option<(u64, usize, u64)> = None;

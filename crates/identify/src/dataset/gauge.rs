@@ -6,7 +6,7 @@ use std::time::Duration;
 use isotherm_core::quantity::{Moment, time};
 use jiff::tz::TimeZone;
 
-use super::{BadLog, Column, Dataset, Kind, Run, Split, read_table};
+use super::{BadLog, Column, Dataset, Kind, Run, Split, every_column, read_table};
 
 /// As [`Dataset::add_gauge`].
 pub(super) fn add(
@@ -20,7 +20,7 @@ pub(super) fn add(
         let why = "already: leave --gauge out, or name another column with --error";
         return Err(refused(format!("the logs have a column {error} {why}")));
     }
-    let gauge = read_table(file, &Split { zone, ..Split::default() })?;
+    let gauge = read_table(file, &Split { zone, ..Split::default() }, &every_column)?;
     let columns: Vec<&str> = gauge.names_of_numbers().collect();
     let [column] = columns.as_slice() else {
         let there = if columns.is_empty() { "none of numbers".to_owned() } else { columns.join(", ") };

@@ -29,18 +29,10 @@ impl Kind {
         unit: Option<&str>,
         values: impl Iterator<Item = &'a [f64]> + Clone,
     ) -> Kind {
-        if let Some(kind) = unit.and_then(of_unit) {
+        if let Some(kind) = Kind::of_name(name, unit) {
             return kind;
         }
         let name = name.to_ascii_lowercase();
-        // A slope is none of these, whatever its last word.
-        if name.contains("_per_") {
-            return Kind::Other;
-        }
-        let ending = name.rsplit('_').next().filter(|ending| ending.len() < name.len());
-        if let Some(kind) = ending.and_then(of_unit) {
-            return kind;
-        }
         let numbers = || values.clone().flatten().copied().filter(|value| value.is_finite());
         if numbers().all(|value| value.abs() < 1e-12 || (value - 1.0).abs() < 1e-12) {
             return Kind::Switch;
@@ -51,6 +43,19 @@ impl Kind {
         // A shop, its machine and its coolant; a column that leaves this is something else, or in another unit.
         let is_plausible = numbers().all(|value| (-40.0..=150.0).contains(&value));
         if is_named || is_plausible { Kind::Temperature } else { Kind::Other }
+    }
+
+    /// By the unit that a profile knows, or by the name's ending, which leave some to their values.
+    pub(crate) fn of_name(name: &str, unit: Option<&str>) -> Option<Kind> {
+        if let Some(kind) = unit.and_then(of_unit) {
+            return Some(kind);
+        }
+        let name = name.to_ascii_lowercase();
+        // A slope is none of these, whatever its last word.
+        if name.contains("_per_") {
+            return Some(Kind::Other);
+        }
+        name.rsplit('_').next().filter(|ending| ending.len() < name.len()).and_then(of_unit)
     }
 }
 

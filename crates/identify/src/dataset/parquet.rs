@@ -20,7 +20,7 @@ use parquet::schema::types::ColumnDescPtr;
 
 use super::csv::MOST_COLUMNS;
 use super::table::{Reader, Table, TooMuch};
-use super::{BadLog, Split, files};
+use super::{BadLog, Split, Uses, files};
 use isotherm_core::border::beyond;
 use isotherm_core::quantity::Dialect;
 
@@ -35,17 +35,17 @@ const AT_LEAST: u64 = 96_000_000;
 const BATCH: usize = 8192;
 
 /// Reads a file; the messages name its rows, counted from one.
-pub(super) fn read(file: &Path, split: &Split) -> Result<Table, BadLog> {
+pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
     let opened = files::open(file)?;
     let refused = |why: String| BadLog(vec![format!("{}: {why}", file.display())]);
-    beyond(|| from_file(file, opened, split)).unwrap_or_else(|_| {
+    beyond(|| from_file(file, opened, split, uses)).unwrap_or_else(|_| {
         Err(refused(
             "it is not a readable Parquet file: its reader failed on it; write it anew, or as CSV".to_owned(),
         ))
     })
 }
 
-fn from_file(path: &Path, file: File, split: &Split) -> Result<Table, BadLog> {
+fn from_file(path: &Path, file: File, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
     let refused = |why: String| BadLog(vec![format!("{}: {why}", path.display())]);
     let length = file.metadata().map_err(|why| files::cannot_be_read(path, &why))?.len();
     let again = file.try_clone().map_err(|why| files::cannot_be_read(path, &why))?;
@@ -58,7 +58,7 @@ fn from_file(path: &Path, file: File, split: &Split) -> Result<Table, BadLog> {
     let names: Vec<String> = columns.iter().map(name).collect();
     let no_time = format!("there is no column time, time_s or time_min; there are {}", names.join(", "));
     let dialect = Dialect::of("", split.zone.clone());
-    let table = Reader::new(path, names, ("row", dialect), split.column.as_deref());
+    let table = Reader::new(path, names, ("row", dialect), split.column.as_deref(), uses);
     let mut table = table.ok_or_else(|| refused(no_time))?;
     let file = Opened { reader, again, length };
     file.check_size(&table).map_err(refused)?;
@@ -120,8 +120,7 @@ impl Opened {
             u64::try_from(group.num_rows()).ok().and_then(|more| rows.checked_add(more))
         });
         let rows = rows.ok_or("it says that it has a negative number of rows")?;
-        let all = self.reader.metadata().file_metadata().schema_descr().num_columns();
-        let columns = 1 + (0..all).filter(|place| table.reads(*place)).count() as u64;
+        let columns = 1 + table.kept() as u64;
         let (needed, limit) =
             (rows.saturating_mul(8 * columns), AT_LEAST.saturating_add(self.length.saturating_mul(PER_BYTE)));
         if needed > limit {
@@ -149,6 +148,9 @@ impl Opened {
         }
         let mut number = 0;
         for (group, metadata) in self.groups().iter().enumerate() {
+            if !is_time && !table.reads(place) {
+                break;
+            }
             let chunk = metadata
                 .columns()
                 .get(place)
@@ -163,6 +165,7 @@ impl Opened {
                 return Ok(());
             }
             let rows = usize::try_from(metadata.num_rows()).unwrap_or(usize::MAX);
+            let rows = if is_time { rows } else { rows.min(table.wants(place)) };
             let group = self.reader.get_row_group(group)?;
             let cells = Cells { column, rows, is_optional: column.max_def_level() > 0 };
             cells.read(group.get_column_reader(place)?, &mut |value| {

@@ -134,7 +134,7 @@ impl Labels<'_> {
 fn labels<'t>(table: &'t Table, name: &str) -> Result<Labels<'t>, BadLog> {
     match table.cells(name) {
         Some(Cells::Text(texts)) => Ok(Labels::Words(texts.iter().collect())),
-        Some(Cells::Numbers(numbers)) => Ok(Labels::Numbers(numbers)),
+        Some(Cells::Numbers(numbers) | Cells::Unread(numbers)) => Ok(Labels::Numbers(numbers)),
         None => {
             let known: Vec<&str> = table.columns.iter().map(|(name, _)| name.as_str()).collect();
             Err(BadLog(vec![format!(

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-use super::{BadLog, acted};
+use super::{BadLog, Uses, acted};
 use isotherm_core::quantity::{Dialect, Moment, time};
 use isotherm_profile::regular::quoted;
 
@@ -14,6 +14,8 @@ const MOST_ROWS: usize = 20_000_000;
 const MOST_NUMBERS: usize = 150_000_000;
 /// Different texts of a column by which runs are told apart.
 const MOST_WORDS: usize = 100_000;
+/// Rows of a column that nobody uses which are looked at, to tell what it is.
+const SAMPLED: usize = 1000;
 /// Mistakes that are listed; the others are counted.
 const MOST_LISTED: usize = 20;
 
@@ -36,6 +38,8 @@ pub(super) enum Cells {
     Numbers(Vec<f64>),
     /// Names, states, products: nothing to compute with, but runs may be told apart by them. Kept only where they are.
     Text(Words),
+    /// Nobody uses it: its first numbers, which tell what it is.
+    Unread(Vec<f64>),
 }
 
 /// The texts of a column, trimmed, each kept once.
@@ -102,13 +106,21 @@ impl Table {
     pub(super) fn numbers(&self, name: &str) -> Option<&[f64]> {
         match self.cells(name)? {
             Cells::Numbers(numbers) => Some(numbers),
-            Cells::Text(_) => None,
+            Cells::Text(_) | Cells::Unread(_) => None,
         }
     }
 
     pub(super) fn names_of_numbers(&self) -> impl Iterator<Item = &str> {
         let numbers = self.columns.iter().filter(|(_, cells)| matches!(cells, Cells::Numbers(_)));
         numbers.map(|(name, _)| name.as_str())
+    }
+
+    /// Columns that nobody uses, with some of their numbers.
+    pub(super) fn unread(&self) -> impl Iterator<Item = (&str, &[f64])> {
+        self.columns.iter().filter_map(|(name, cells)| match cells {
+            Cells::Unread(sample) => Some((name.as_str(), sample.as_slice())),
+            Cells::Numbers(_) | Cells::Text(_) => None,
+        })
     }
 }
 
@@ -126,6 +138,8 @@ struct Column {
     has_numbers: bool,
     /// The first cell that was none, and where it stood.
     text: Option<(u64, String)>,
+    /// Somebody computes with it; else some of its cells are enough.
+    is_used: bool,
     /// It is not read, or no longer: a mistake in it has been told.
     is_over: bool,
 }
@@ -146,12 +160,14 @@ pub(super) struct Reader {
 }
 
 impl Reader {
-    /// `None` where no column is the time. `by`: the column by which runs are told apart.
+    /// `None` where no column is the time. `by`: the column by which runs are told apart. `uses`: whether somebody computes
+    /// with a column.
     pub(super) fn new(
         file: &Path,
         names: Vec<String>,
         (row, dialect): (&'static str, Dialect),
         by: Option<&str>,
+        uses: Uses<'_>,
     ) -> Option<Reader> {
         let unit = |name: &str| -> Option<ReadTime> {
             match name {
@@ -164,13 +180,14 @@ impl Reader {
         let column = |(place, name): (usize, String)| {
             let has_words = by == Some(name.as_str()) || acted::tells_by_words(&name);
             let is_over = place == time.0 || name.is_empty();
-            Column { words: has_words.then(Words::default), is_over, name, ..Column::default() }
+            let is_used = has_words || acted::needs(&name) || uses(&name);
+            Column { words: has_words.then(Words::default), is_used, is_over, name, ..Column::default() }
         };
         let columns: Vec<Column> = names.into_iter().enumerate().map(column).collect();
         Some(Reader {
             table: Table { file: file.to_owned(), ..Table::default() },
             time,
-            kept: columns.iter().filter(|column| !column.is_over).count(),
+            kept: columns.iter().filter(|column| column.is_used && !column.is_over).count(),
             columns,
             row,
             dialect,
@@ -198,9 +215,25 @@ impl Reader {
         self.time.0
     }
 
-    /// Whether the cells of this column are asked for.
+    /// Whether the next cell of this column is asked for.
     pub(super) fn reads(&self, place: usize) -> bool {
-        self.columns.get(place).is_some_and(|column| !column.is_over)
+        self.wants(place) > 0
+    }
+
+    /// How many more cells of this column are asked for.
+    pub(super) fn wants(&self, place: usize) -> usize {
+        match self.columns.get(place) {
+            Some(column) if column.is_over => 0,
+            Some(column) if column.is_used => usize::MAX,
+            Some(column) => SAMPLED.saturating_sub(column.numbers.len()),
+            None => 0,
+        }
+    }
+
+    /// How many columns are read whole, without the time.
+    #[cfg(feature = "parquet")]
+    pub(super) fn kept(&self) -> usize {
+        self.kept
     }
 
     /// Whether nothing can be learnt without the texts of this column.
@@ -254,6 +287,7 @@ impl Reader {
             b',' => to_number(&text),
             _ => match self.dialect.number(&text) {
                 Ok(pointed) => to_number(&pointed),
+                Err(_) if !self.columns[place].is_used => None,
                 Err(why) => {
                     let name = std::mem::take(&mut self.columns[place].name);
                     self.refuse(number, Some(&name), why);
@@ -319,11 +353,17 @@ impl Reader {
 
     /// Numbers where they all are. A column with both numbers and texts is a mistake, named at its first text.
     fn cells(&mut self, name: &str, column: Column) -> Cells {
-        let Some((line, text)) = column.text else { return Cells::Numbers(column.numbers) };
+        let Some((line, text)) = column.text else {
+            let of = if column.is_used { Cells::Numbers } else { Cells::Unread };
+            return of(column.numbers);
+        };
         let dotted = text.replace(',', ".");
         let has_comma = text.contains(',') && dotted.parse::<f64>().is_ok();
         if !has_comma && !column.has_numbers {
             return Cells::Text(column.words.unwrap_or_default());
+        }
+        if !column.is_used {
+            return Cells::Unread(column.numbers);
         }
         let hint = match has_comma {
             true => format!("`{text}` has a decimal comma; write {dotted}"),

@@ -4,7 +4,11 @@ use std::time::Duration;
 use super::*;
 
 fn read(log: &str, split: &Split) -> Result<Dataset, BadLog> {
-    let table = csv::from_text(Path::new("day.csv"), log.as_bytes(), split)?;
+    read_used(log, split, &every_column)
+}
+
+fn read_used(log: &str, split: &Split, uses: Uses<'_>) -> Result<Dataset, BadLog> {
+    let table = csv::from_text(Path::new("day.csv"), log.as_bytes(), split, uses)?;
     Dataset::from_tables(vec![table], split, &|name| (name == "bed").then_some("degC"))
 }
 
@@ -78,6 +82,48 @@ fn missing_cells_are_missing_and_decimal_commas_are_reported() {
     );
 }
 
+#[test]
+fn of_a_column_that_nobody_uses_its_name_is_known_and_no_mistake_in_it_is_told() {
+    let log = "time,bed,door,spare_c,level,wrong,state,z_cz_um\n\
+               0,20,0,19,700,1,idle,0\n60,21,1,19.5,900,broken,runs,0\n";
+    let found = read_used(log, &Split::default(), &|name| name == "bed").unwrap();
+    let kinds = |columns: &[Column]| -> Vec<(String, Kind)> {
+        columns.iter().map(|column| (column.name.clone(), column.kind)).collect()
+    };
+    // What acted is always read; a text is none of them.
+    let owned = |known: &[(&str, Kind)]| -> Vec<(String, Kind)> {
+        known.iter().map(|(name, kind)| ((*name).to_owned(), *kind)).collect()
+    };
+    let used = owned(&[("bed", Kind::Temperature), ("z_cz_um", Kind::Displacement)]);
+    assert_eq!(kinds(&found.columns), used);
+    let unread = [
+        ("door", Kind::Switch),
+        ("spare_c", Kind::Temperature),
+        ("level", Kind::Other),
+        ("wrong", Kind::Switch),
+    ];
+    assert_eq!(kinds(&found.unread), owned(&unread));
+    assert_eq!(found.runs[0].values, [vec![20.0, 21.0], vec![0.0, 0.0]]);
+    assert_eq!(found.names(), ["bed", "z_cz_um", "door", "spare_c", "level", "wrong"]);
+    let said = read(log, &Split::default()).unwrap_err().to_string();
+    assert!(said.contains("line 3, column wrong: `broken` is no number"), "{said}");
+}
+
+#[test]
+fn a_log_that_is_read_in_part_is_the_same_in_that_part() {
+    use std::fmt::Write;
+    let mut log = String::from("time,t1,t2,t3\n");
+    (0..5000).for_each(|row| writeln!(log, "{row},{},{}.5,20", row % 30, row % 7).unwrap());
+    let (part, all) = (
+        read_used(&log, &Split::default(), &|name| name == "t2").unwrap(),
+        read(&log, &Split::default()).unwrap(),
+    );
+    assert_eq!(part.columns, all.columns[1..2]);
+    assert_eq!(part.runs[0].values[0], all.runs[0].values[1]);
+    assert_eq!(part.runs[0].times, all.runs[0].times);
+    assert_eq!(part.unread, [all.columns[0].clone(), all.columns[2].clone()]);
+}
+
 #[cfg(feature = "parquet")]
 mod of_parquet {
     use std::fs::File;
@@ -123,7 +169,7 @@ mod of_parquet {
             column::<ByteArrayType>(rows, &["A", "A", "B"].map(ByteArray::from), None);
         });
         let split = Split { column: Some("part".to_owned()), ..Split::default() };
-        let found = Dataset::read(&[path], &split, &|_| None).unwrap();
+        let found = Dataset::read(&[path], &split, &|_| None, &every_column).unwrap();
         let csv = read("time,t1,part\n0.5,20.125,A\n60.25,,A\n120,21.1,B\n", &split).unwrap();
         assert_eq!(found.columns, csv.columns);
         for (one, other) in found.runs.iter().zip(&csv.runs) {
@@ -133,12 +179,31 @@ mod of_parquet {
     }
 
     #[test]
+    fn a_column_of_parquet_that_nobody_uses_is_not_read_through() {
+        let columns =
+            "required double time; required double t1; required double t2; required binary part (UTF8);";
+        let rows = 20_000;
+        let (_directory, path) = file(columns, |group| {
+            let each: Vec<f64> = (0..rows).map(f64::from).collect();
+            column::<DoubleType>(group, &each, None);
+            column::<DoubleType>(group, &each, None);
+            column::<DoubleType>(group, &vec![20.0; each.len()], None);
+            column::<ByteArrayType>(group, &vec![ByteArray::from("A"); each.len()], None);
+        });
+        let found = Dataset::read(&[path], &Split::default(), &|_| None, &|name| name == "t1").unwrap();
+        assert_eq!(found.names(), ["t1", "t2"]);
+        assert_eq!(found.unread, [Column { name: "t2".to_owned(), kind: Kind::Temperature }]);
+        assert_eq!(found.runs[0].values, [(0..rows).map(f64::from).collect::<Vec<f64>>()]);
+    }
+
+    #[test]
     fn what_is_wrong_in_parquet_is_named_by_its_row() {
         let (_directory, path) = file("required binary time (UTF8); required binary t1 (UTF8);", |rows| {
             column::<ByteArrayType>(rows, &["0", "later", "120", "180"].map(ByteArray::from), None);
             column::<ByteArrayType>(rows, &["20", "21", "22,5", "23"].map(ByteArray::from), None);
         });
-        let said = Dataset::read(&[path], &Split::default(), &|_| None).unwrap_err().to_string();
+        let said =
+            Dataset::read(&[path], &Split::default(), &|_| None, &every_column).unwrap_err().to_string();
         assert!(said.contains("day.parquet, row 2, column time: `later`"), "{said}");
         assert!(
             said.contains("day.parquet, row 3, column t1: `22,5` has a decimal comma; write 22.5"),

@@ -45,11 +45,9 @@ pub(super) fn movers(dataset: &Dataset, units: Units<'_>) -> Vec<Mover> {
         let lower = name.to_ascii_lowercase();
         let ends = |endings: &[&str]| endings.iter().any(|ending| lower.ends_with(ending));
         let unit = units(name).unwrap_or_default();
-        let is_feed =
-            ["mm/min", "m/min", "m/s"].contains(&unit) || ends(&["mm_min", "mm/min", "_m_s", "feed"]);
         let (test, is_speed) = match kind {
             _ if unit == "deg" || ends(&["_deg"]) => (Test::Rotary, false),
-            _ if is_feed => (Test::Axis, true),
+            _ if is_feed(name, units(name)) => (Test::Axis, true),
             Kind::Speed => (Test::Spindle, true),
             Kind::Position => (Test::Axis, false),
             _ => return None,
@@ -57,6 +55,13 @@ pub(super) fn movers(dataset: &Dataset, units: Units<'_>) -> Vec<Mover> {
         Some(Mover { column, name: name.clone(), test, is_speed })
     };
     dataset.columns.iter().enumerate().filter_map(of).collect()
+}
+
+/// Whether a column is the speed of a linear axis.
+pub(crate) fn is_feed(name: &str, unit: Option<&str>) -> bool {
+    let name = name.to_ascii_lowercase();
+    unit.is_some_and(|unit| ["mm/min", "m/min", "m/s"].contains(&unit))
+        || ["mm_min", "mm/min", "_m_s", "feed"].iter().any(|ending| name.ends_with(ending))
 }
 
 /// The test, the column that makes it one, and why.

@@ -12,7 +12,7 @@
 use std::collections::HashMap;
 
 use super::rebuild::{Likeness, Replaced, bridged};
-use super::{Damage, Fault, Finding, Repaired, faults};
+use super::{Damage, Fault, Finding, Frozen, Repaired, faults};
 use crate::dataset::{Dataset, Run};
 
 /// Of the root mean square that a sensor moves: the most that its replacement may be off by, as hidden hours of good runs
@@ -42,9 +42,11 @@ pub(crate) struct Mended<'a> {
 /// What was put in place of a fault's rows, as a sentence; `None`: nothing that may be believed.
 type Done = Option<String>;
 
-/// Finds the faults of these columns of temperatures, and which of them can be mended.
-pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize]) -> Mended<'a> {
-    let found = faults(logs, columns);
+/// Finds the faults of these columns of temperatures, and which of them and of those that were found otherwise can be mended.
+pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize], frozen: &[Frozen]) -> Mended<'a> {
+    let frozen = frozen.iter().filter(|frozen| columns.contains(&frozen.column));
+    let mut found = faults(logs, columns);
+    found.extend(frozen.map(|frozen| Fault::frozen(logs, frozen)));
     let good: Vec<usize> =
         columns.iter().copied().filter(|column| !is_hopeless(logs, &found, *column)).collect();
     let tried: Vec<usize> = (0..found.len()).filter(|place| good.contains(&found[*place].column)).collect();
@@ -80,6 +82,7 @@ pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize]) -> Mended<'a> {
 fn is_hopeless(logs: &Dataset, found: &[Fault], column: usize) -> bool {
     let own = || found.iter().filter(move |fault| fault.column == column);
     let mut runs: Vec<usize> = own().filter_map(|fault| fault.run).collect();
+    runs.sort_unstable();
     runs.dedup();
     let jumps =
         |run: usize| own().filter(|fault| fault.run == Some(run) && fault.damage == Damage::Jump).count();

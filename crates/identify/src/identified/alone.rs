@@ -101,6 +101,7 @@ fn fallback(
             constants: [("Kz", gain), (side.slope, slope), ("c", constant)],
         }),
         region: Region::of(campaign, bank, &[own]),
+        expected: None,
         means: Means::of(&scores),
     })
 }

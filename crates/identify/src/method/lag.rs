@@ -8,7 +8,7 @@ use std::time::Duration;
 use nalgebra::{DMatrix, DVector};
 
 use super::forward::forward_once_each;
-use crate::bank::{Bank, Candidate, LAGS_MIN, trace};
+use crate::bank::{Bank, Candidate, LAGS_MIN, Rows, trace};
 use crate::campaign::Campaign;
 use crate::folds::inner_or_itself;
 use crate::gram::Gram;
@@ -50,7 +50,7 @@ impl<'a> Lagging<'a> {
 
     /// The rows of these runs, one column per candidate.
     fn columns(&self, runs: &[usize], candidates: &[Candidate]) -> Vec<DMatrix<f64>> {
-        runs.iter().map(|run| trace(self.campaign, *run, candidates).rises).collect()
+        runs.iter().map(|run| trace(self.campaign, *run, candidates, Rows::WithError).rises).collect()
     }
 
     /// What is left with these columns, per run; and the gains.

@@ -35,7 +35,7 @@ pub(super) fn bank(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Result
     }
     returns(campaign, &position.input.name)?;
     let each = |along| {
-        let of = move |input| lags.iter().map(move |lag| Candidate { input, lag: *lag, along });
+        let of = move |input| lags.iter().map(move |lag| Candidate { along, ..Candidate::new(input, *lag) });
         (0..campaign.inputs.len()).flat_map(of)
     };
     Ok(Bank::new(campaign, each(false).chain(each(true)).collect()))

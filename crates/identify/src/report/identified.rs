@@ -51,12 +51,16 @@ pub fn identified(subject: &Subject<'_>) -> String {
             }
             (runs(dataset.runs.len(), dataset.seconds()))
         }
-        (judged::headline(&found.means, &found.uncompensated))
+        @if !found.runs.is_empty() { (judged::headline(&found.means, &found.uncompensated)) }
         (list(&notes))
-        (judged::pictures(found))
-        (judged::cross_validation(&found.runs, &found.means, &found.uncompensated))
+        @if !found.runs.is_empty() {
+            (judged::pictures(found))
+            (judged::cross_validation(&found.runs, &found.means, &found.uncompensated))
+        }
         (terms::terms(found))
-        (terms::stand_ins(&found.fallbacks, &found.means))
+        (terms::expected(found))
+        (terms::by_sensors(&found.by_sensors))
+        (terms::stand_ins(found))
         (terms::envelope(found.region.as_ref()))
         @if let Some(axis) = axis { (terms::limits(axis)) }
         (drift(&of_error(profile, dataset, &found.error)))

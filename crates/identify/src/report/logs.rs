@@ -85,6 +85,16 @@ pub(super) fn sensors(
                 td .words { (remarks(column, excluded, like)) }
             }
         }
+        @for column in &dataset.unread {
+            tr {
+                th scope="row" { (column.name) }
+                td .words { (column.kind) }
+                td { "–" }
+                td { "–" }
+                td .words { (used(&column.name)) }
+                td .words { "not read" }
+            }
+        }
     };
     html! {
         h2 { "Sensors" }

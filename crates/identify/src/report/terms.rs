@@ -1,14 +1,17 @@
 //! The model itself: its terms, what stands in for a lost sensor, where it was identified, and what bounds it.
 
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use maud::{Markup, html};
 
 use super::chart::{self, Bar};
 use super::{decimals, duration, figure, number, optional, row, table, three_digits};
+use crate::expected::Growth;
 use crate::identified::{Fallback, Identified, TermFound};
-use crate::learn::Learned;
 use crate::region::Region;
+use crate::select::Counted;
+use crate::stand_in::StandIn;
 use crate::validate::Means;
 use isotherm_core::compensation::settings::{AxisSettings, OnFault};
 
@@ -17,7 +20,7 @@ const MOST_BARS: usize = 30;
 
 /// Bars with their standard errors, then the figures.
 pub(super) fn terms(found: &Identified) -> Markup {
-    let Learned::Sum(gains) = &found.learned else {
+    let Some(gains) = found.learned.sum() else {
         return html! {
             h2 { "The model" }
             p {
@@ -129,23 +132,100 @@ fn lag(term: &TermFound) -> String {
 }
 
 /// What is left where a sensor is lost.
-pub(super) fn stand_ins(fallbacks: &[Fallback], means: &Means) -> Markup {
-    if fallbacks.is_empty() {
+pub(super) fn stand_ins(found: &Identified) -> Markup {
+    let figures = |means: &Means| [means.mean_range_um, means.worst_range_um, means.mean_rmse_um].map(number);
+    let of_sensor = |stand_in: &StandIn| {
+        let others = stand_in.terms.iter().map(|(signal, ..)| signal).collect::<BTreeSet<_>>().len();
+        (stand_in.signal.clone(), stand_in.means, format!("its value from {others} others"))
+    };
+    let of_model = |fallback: &Fallback| {
+        let kind = format!("{} without it, {} terms", fallback.kind(), fallback.terms.len());
+        (fallback.without.clone(), fallback.means, kind)
+    };
+    let used = found.stand_ins.iter().filter(|stand_in| stand_in.stands_in).map(of_sensor);
+    let mut lost: Vec<(String, Means, String)> = used.chain(found.fallbacks.iter().map(of_model)).collect();
+    if lost.is_empty() {
         return html! {};
     }
-    let mut worst_first: Vec<&Fallback> = fallbacks.iter().collect();
-    worst_first.sort_by(|one, other| other.means.mean_range_um.total_cmp(&one.means.mean_range_um));
-    let figures = |means: &Means| [means.mean_range_um, means.worst_range_um, means.mean_rmse_um].map(number);
+    lost.sort_by(|one, other| other.1.mean_range_um.total_cmp(&one.1.mean_range_um));
     let rows = html! {
-        @for fallback in worst_first {
-            (row(&fallback.without, figures(&fallback.means).into_iter().chain([fallback.kind(), fallback.terms.len().to_string()])))
-        }
-        tr .sum { th scope="row" { "none" } @for figure in figures(means) { td { (figure) } } td {} td {} }
+        @for (signal, means, by) in lost { (row(&signal, figures(&means).into_iter().chain([by]))) }
+        tr .sum { th scope="row" { "none" } @for figure in figures(&found.means) { td { (figure) } } td {} }
     };
     html! {
         h2 { "Without one of its sensors" }
-        p { "Where a sensor breaks, a model that does without it stands in. Held out in the same way:" }
-        (table(&["lost", "mean range, µm", "worst run, µm", "mean RMS, µm", "method", "terms"], &rows))
+        p {
+            "Where a sensor is frozen or breaks, what the others say of it takes its place, or a model that does without it, \
+             whichever leaves less. Held out, with the sensor lost from the beginning of each run:"
+        }
+        @for signal in &found.irreplaceable {
+            p { strong { (signal) } ": no other sensor can stand in for it. Keep a spare." }
+        }
+        (table(&["lost", "mean range, µm", "worst run, µm", "mean RMS, µm", "what takes its place"], &rows))
+        @if !found.stand_ins.is_empty() {
+            p .quiet {
+                "A sensor counts as frozen once its reading stands still while the others say that it should have moved by more than: "
+                (found.stand_ins.iter().map(|own| format!("{} {} °C", own.signal, decimals(own.threshold, 2))).collect::<Vec<_>>().join(", ")) "."
+            }
+        }
+    }
+}
+
+/// What each sensor more is worth.
+pub(super) fn by_sensors(counted: &[Counted]) -> Markup {
+    if counted.len() < 3 {
+        return html! {};
+    }
+    let ranges: Vec<f64> = counted.iter().map(|row| row.means.mean_range_um).collect();
+    let best = ranges.iter().copied().fold(f64::INFINITY, f64::min);
+    let few = ranges.iter().position(|range| *range <= 1.1 * best).unwrap_or_default();
+    let rows = html! {
+        @for counted in counted {
+            tr {
+                th scope="row" { (counted.k) }
+                td { (number(counted.means.mean_range_um)) } td { (number(counted.means.worst_range_um)) }
+                td .words { (counted.points.last().map_or("–", String::as_str)) }
+            }
+        }
+    };
+    let says = "held-out range by the number of sensors";
+    html! {
+        h2 { "How many sensors" }
+        p { "What a sensor more is worth: for each run the sensors were chosen from all the others, and judged on that run." }
+        div .gallery {
+            (figure("Mean range of a run", &chart::curve("µm", says, &ranges, few, ranges[0]), "Over the number of sensors; dashed: with none. A ring: the fewest that are within a tenth of the best."))
+        }
+        (table(&["sensors", "mean range, µm", "worst run, µm", "comes in (on all runs):"], &rows))
+    }
+}
+
+/// How far off the model may be expected to be.
+pub(super) fn expected(found: &Identified) -> Markup {
+    let Some(expected) = found.expected else { return html! {} };
+    let after = |[a, b]: Growth, hours: f64| format!("± {} µm", number((a * hours + b).sqrt()));
+    let rows = html! {
+        @for hours in [0.5, 1.0, 2.0, 4.0, 8.0] {
+            (row(&duration(hours * 3600.0), [after(expected.since_datum, hours), if hours <= 2.0 { after(expected.since_touch, hours) } else { "–".to_owned() }]))
+        }
+    };
+    let shares = found.runs.iter().filter_map(|run| Some((run, run.expected_um?)));
+    html! {
+        h2 { "How far off it may be" }
+        p {
+            "Expected within (one standard deviation), as the runs that were held out show it. It grows with the time since the datum, or \
+             since a probe last touched. Two rows of three should lie inside one time this, 19 of 20 inside two times."
+        }
+        (table(&["after", "since the datum", "since a touch"], &rows))
+        p .quiet {
+            "Inside one and two times: "
+            (shares.map(|(run, inside)| format!("{} {} and {} %", run.name, decimals(100.0 * inside.inside_1, 0), decimals(100.0 * inside.inside_2, 0))).collect::<Vec<_>>().join("; ")) "."
+        }
+        @if !found.outside_runs.is_empty() {
+            p { "Left worse than without compensation: " strong { (found.outside_runs.join(", ")) } "." }
+        }
+        @if let Some(q) = found.probe_q {
+            p { "What it leaves wanders by " (three_digits(q)) " µm² an hour: " code { "q = " (three_digits(q)) } " belongs to the axis's probe, if it has one." }
+        }
     }
 }
 

@@ -1,17 +1,17 @@
 //! How much is left on a run that was held out, by how many points are kept.
 //!
-//! For each run the points are chosen anew from all the other runs, one after the other: the one comes in whose rises,
-//! through every lag, make the error smallest on runs left out within those. So the curve has seen nothing of the run
-//! that it is judged on.
+//! For each run the points are chosen anew from all the other runs, one after the other, and the model with so many of them
+//! is that of `whitened`. So the curve has seen nothing of the run that it is judged on.
 
 use nalgebra::DVector;
 use serde::Serialize;
 
 use super::{Grouped, Recommended};
 use crate::bank::Bank;
-use crate::folds::{Fold, inner_or_itself};
-use crate::gram::Gram;
-use crate::solve::ridge;
+use crate::campaign::Campaign;
+use crate::method::whitened::fit;
+use crate::products::Products;
+use crate::sensors::Forward;
 use crate::statistics::smallest;
 use crate::validate::{Means, Progress, RunScore, hold_out_each};
 
@@ -27,91 +27,60 @@ pub struct Counted {
     pub means: Means,
 }
 
-/// While points are chosen.
-const PENALTY: f64 = 0.1;
-/// Of the model at the end: the one that does best on inner runs.
-const PENALTIES: [f64; 4] = [0.01, 0.1, 0.3, 1.0];
 /// Differences under a tenth mean nothing: runs are few.
 const AS_GOOD: f64 = 1.1;
 
 /// Everything that was held out.
-pub(super) struct Counts {
+pub(crate) struct Counts {
     /// In the order in which points came in, over all runs.
     path: Vec<usize>,
     /// By run: the order over all the others; and its scores by count, the last with every point.
     held_out: Vec<(Vec<usize>, Vec<RunScore>)>,
     /// One row for each count, from none on.
-    pub(super) table: Vec<Counted>,
+    pub(crate) table: Vec<Counted>,
     /// The row of every point.
-    pub(super) all_points: Counted,
+    pub(crate) all_points: Counted,
 }
 
 /// Keeps none to `most` of these points, and all.
-pub(super) fn counted(
+pub(crate) fn counted(
+    campaign: &Campaign<'_>,
     bank: &Bank,
-    points: usize,
+    points: &[usize],
     most: usize,
-    name: &dyn Fn(usize) -> String,
     progress: Progress<'_>,
 ) -> Counts {
-    let grams = bank.grams();
-    let most = most.min(points);
-    let every: Vec<usize> = (0..points).collect();
-    let held_out = hold_out_each(grams.len(), progress, |out, others| {
-        let folds = inner_or_itself(&grams, others);
-        let path = path(bank, &folds, points, most);
-        let all = Gram::sum(&grams, others);
-        let score = |points: &[usize]| score(bank, &all, &folds, out, points);
-        let scores: Vec<RunScore> = (0..=most).map(|k| score(&path[..k])).chain([score(&every)]).collect();
+    let name = |point: usize| campaign.inputs[point].name.clone();
+    let (forward, products) = (Forward::new(campaign), Products::of(bank));
+    let left_out: Vec<usize> = (0..campaign.inputs.len()).filter(|input| !points.contains(input)).collect();
+    let most = most.min(points.len());
+    let held_out = hold_out_each(bank.runs.len(), progress, |out, others| {
+        let path = forward.path(others, &left_out, most);
+        let score = |points: &[usize]| score(bank, &products, others, out, points);
+        let scores: Vec<RunScore> = (0..=most).map(|k| score(&path[..k])).chain([score(points)]).collect();
         (path, scores)
     });
-    let runs: Vec<usize> = (0..grams.len()).collect();
-    let path = path(bank, &inner_or_itself(&grams, &runs), points, most);
+    let runs: Vec<usize> = (0..bank.runs.len()).collect();
+    let path = forward.path(&runs, &left_out, most);
     let row = |place: usize, points: &[usize]| Counted {
         k: points.len(),
         points: points.iter().map(|point| name(*point)).collect(),
         means: Means::of(held_out.iter().filter_map(|(_, scores)| scores.get(place))),
     };
     let table = (0..=path.len()).map(|k| row(k, &path[..k])).collect();
-    let all_points = row(path.len() + 1, &every);
+    let all_points = row(path.len() + 1, points);
     Counts { path, held_out, table, all_points }
 }
 
-fn columns(bank: &Bank, points: &[usize]) -> Vec<usize> {
-    let candidates = bank.candidates.iter().enumerate();
-    candidates.filter(|(_, candidate)| points.contains(&candidate.input)).map(|(column, _)| column).collect()
-}
-
-/// What is left on the inner runs with these columns.
-fn left(folds: &[Fold], columns: &[usize], penalty: f64) -> f64 {
-    let of_fold = |fold: &Fold| fold.held.of_columns(columns).left(&ridge(&fold.training, columns, penalty));
-    folds.iter().map(of_fold).sum()
-}
-
-fn path(bank: &Bank, folds: &[Fold], points: usize, most: usize) -> Vec<usize> {
-    let mut chosen: Vec<usize> = Vec::new();
-    while chosen.len() < most {
-        let outside = (0..points).filter(|point| !chosen.contains(point));
-        let tried = outside.map(|point| {
-            let with = [chosen.as_slice(), &[point]].concat();
-            (left(folds, &columns(bank, &with), PENALTY), point)
-        });
-        let Some((_, point)) = tried.min_by(|one, other| one.0.total_cmp(&other.0)) else { break };
-        chosen.push(point);
-    }
-    chosen
-}
-
-fn score(bank: &Bank, all: &Gram, folds: &[Fold], out: usize, points: &[usize]) -> RunScore {
+/// A speed of the spindle is no point: it is always there.
+fn score(bank: &Bank, products: &Products, others: &[usize], out: usize, points: &[usize]) -> RunScore {
     let run = &bank.runs[out];
-    let columns = columns(bank, points);
+    let may = |input: usize| points.contains(&input) || bank.is_speed[input];
+    let candidates = bank.candidates.iter().enumerate().filter(|(_, candidate)| may(candidate.input));
+    let columns: Vec<usize> = candidates.map(|(column, _)| column).collect();
     let mut cz = DVector::zeros(run.target.len());
-    if !columns.is_empty() {
-        let costs: Vec<f64> = PENALTIES.iter().map(|penalty| left(folds, &columns, *penalty)).collect();
-        let gains = ridge(all, &columns, PENALTIES[smallest(&costs)]);
-        for (column, gain) in columns.iter().zip(gains.iter()) {
-            cz.axpy(*gain, &run.rises.column(*column), 1.0);
-        }
+    for (column, gain) in columns.iter().zip(fit(products, others, &columns, bank).gains) {
+        cz.axpy(gain, &run.rises.column(*column), 1.0);
     }
     RunScore::new(&run.name, &run.error(), (cz - &run.target).as_slice())
 }

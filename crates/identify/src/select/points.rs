@@ -25,6 +25,7 @@ pub struct Pointed<'a> {
 pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, BadLog> {
     let mut wrong = Vec::new();
     let error = checks::column_of(dataset, choice.error.as_deref().unwrap_or_default(), &mut wrong);
+    wrong.extend(checks::one_run_only(dataset));
     checks::check_runs(dataset, &mut wrong);
     let inputs = inputs(dataset, choice, error, &mut wrong);
     wrong.extend(checks::fahrenheit(dataset, &temperatures_of(dataset, &inputs)));
@@ -74,7 +75,8 @@ fn inputs(dataset: &Dataset, choice: &Choice, error: Option<usize>, wrong: &mut 
     };
     let found: Vec<Input> = columns.map(input).collect();
     if found.is_empty() && choice.inputs.is_empty() {
-        let columns = dataset.columns.iter().map(|column| format!("{} ({})", column.name, column.kind));
+        let columns = dataset.columns.iter().chain(&dataset.unread);
+        let columns = columns.map(|column| format!("{} ({})", column.name, column.kind));
         wrong.push(format!(
             "no column of the logs is taken for a temperature: there are {}; name the points with --inputs",
             columns.collect::<Vec<String>>().join(", ")

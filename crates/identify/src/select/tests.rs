@@ -45,7 +45,7 @@ fn day(number: u32) -> Run {
 fn week() -> Dataset {
     let kind = |name: &str| if name.ends_with("um") { Kind::Displacement } else { Kind::Temperature };
     let columns = NAMES.iter().map(|name| Column { name: (*name).to_owned(), kind: kind(name) }).collect();
-    Dataset { columns, runs: (0..6).map(day).collect(), remarks: Vec::new() }
+    Dataset { columns, runs: (0..6).map(day).collect(), ..Dataset::default() }
 }
 
 fn choice() -> Choice {

@@ -166,6 +166,11 @@ impl Axis {
         !self.settings.models.is_empty()
     }
 
+    /// Whether some model of it says how wrong it is expected to be.
+    pub fn says_how_wrong(&self) -> bool {
+        self.settings.models.iter().any(|model| model.expected.is_some())
+    }
+
     /// How much of Cz is written: twice as much where it acts on a diameter.
     pub(super) fn factor(&self) -> f64 {
         if self.diameter { 2.0 } else { 1.0 }

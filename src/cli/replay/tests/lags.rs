@@ -17,12 +17,8 @@ fn lagging() -> Profile {
 
 fn model(reference: Reference) -> Model {
     let (gain, lag) = (11.5e-6 * 300.0 * 1000.0, Some(Duration::from_secs(1800)));
-    let terms = vec![Term { input: Input { signal: SignalId(0), reference, lag }, gain: of(gain) }];
-    Model {
-        name: "bearing".to_owned(),
-        kind: Kind::Linear(Linear { offset: of(0.0), terms, slope: None }),
-        envelope: None,
-    }
+    let terms = vec![Term { input: Input::of(SignalId(0), reference, lag), gain: of(gain) }];
+    Model::new("bearing".to_owned(), Kind::Linear(Linear { offset: of(0.0), terms, slope: None }))
 }
 
 const STEPS: [&[f64]; 4] = [&[1.0], &[10.0], &[60.0], &[0.3, 9.7, 47.0, 1e-3, 120.0]];
@@ -74,8 +70,8 @@ fn m4_the_ramp_is_reproduced_whatever_the_logs_time_step() {
 /// The same, as a matrix along axis z's last signal and as a network.
 fn lagging_files(reference: Reference) -> [Model; 2] {
     let gain = 11.5e-6 * 300.0 * 1000.0;
-    let input = Input { signal: SignalId(0), reference, lag: Some(Duration::from_secs(1800)) };
-    let other = Input { signal: SignalId(1), reference: Reference::Fixed(of(0.0)), lag: None };
+    let input = Input::of(SignalId(0), reference, Some(Duration::from_secs(1800)));
+    let other = Input::of(SignalId(1), Reference::Fixed(of(0.0)), None);
     let layer = Layer { weights: vec![vec![0.0, gain]], bias: vec![0.0], activation: Activation::Linear };
     let layers = Layers::new(Scaling::new(&[0.0; 2], &[1.0; 2]).unwrap(), vec![layer], (0.0, 1.0)).unwrap();
     let network = Network::new("n.json", Net::Layers(layers), vec![other, input]).unwrap();
@@ -85,11 +81,8 @@ fn lagging_files(reference: Reference) -> [Model; 2] {
     // An axis that is kept outside goes by its last step, too: a wide region has a wide edge.
     let known = Identified { input: Input { lag: None, ..input }, mean: 0.0, range: (-100.0, 6.0) };
     let envelope = Envelope::new(vec![known], &[vec![900.0]], None, Outside::Hold).unwrap();
-    [("matrix", Kind::Matrix(matrix)), ("network", Kind::Network(network))].map(|(name, kind)| Model {
-        name: name.to_owned(),
-        kind,
-        envelope: Some(envelope.clone()),
-    })
+    [("matrix", Kind::Matrix(matrix)), ("network", Kind::Network(network))]
+        .map(|(name, kind)| Model { envelope: Some(envelope.clone()), ..Model::new(name.to_owned(), kind) })
 }
 
 #[test]

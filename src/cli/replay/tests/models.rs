@@ -21,20 +21,17 @@ fn following(offset: f64, terms: &[(usize, f64, Reference)], slope: Option<Slope
         signal.range = None;
     }
     let terms = terms.iter().map(|(place, gain, reference)| Term {
-        input: Input { signal: SignalId(*place), reference: *reference, lag: None },
+        input: Input::of(SignalId(*place), *reference, None),
         gain: of(*gain),
     });
     let kind = Kind::Linear(Linear { offset: of(offset), terms: terms.collect(), slope });
-    profile.axes[0].settings.models = vec![Model { name: "sum".to_owned(), kind, envelope: None }];
+    profile.axes[0].settings.models = vec![Model::new("sum".to_owned(), kind)];
     profile
 }
 
 /// 0.007 µm/mm for each degree of the bed over 20 °C, about P0 = 0; the position is the last signal.
 fn inclined() -> Slope {
-    let term = Term {
-        input: Input { signal: SignalId(0), reference: Reference::Fixed(of(20.0)), lag: None },
-        gain: of(0.007),
-    };
+    let term = Term { input: Input::of(SignalId(0), Reference::Fixed(of(20.0)), None), gain: of(0.007) };
     Slope {
         position: SignalId(3),
         reference: of(0.0),
@@ -71,16 +68,12 @@ fn gives(name: &str, profile: &Profile, values: &str, span: f64, wanted: f64) {
 
 fn one(kind: Kind) -> Profile {
     let mut profile = following(0.0, &[], None);
-    profile.axes[0].settings.models = vec![Model { name: "one".to_owned(), kind, envelope: None }];
+    profile.axes[0].settings.models = vec![Model::new("one".to_owned(), kind)];
     profile
 }
 
 fn rises(places: &[usize], reference: f64) -> Vec<Input> {
-    let input = |place: &usize| Input {
-        signal: SignalId(*place),
-        reference: Reference::Fixed(of(reference)),
-        lag: None,
-    };
+    let input = |place: &usize| Input::of(SignalId(*place), Reference::Fixed(of(reference)), None);
     places.iter().map(input).collect()
 }
 
@@ -121,10 +114,7 @@ fn m2_one_sensor_and_machine_on_time() {
 
 #[test]
 fn m9_a_screw_by_its_nut_and_a_vector_of_three_axes_from_one_set_of_sensors() {
-    let term = Term {
-        input: Input { signal: SignalId(0), reference: Reference::Fixed(of(20.0)), lag: None },
-        gain: of(-0.012),
-    };
+    let term = Term { input: Input::of(SignalId(0), Reference::Fixed(of(20.0)), None), gain: of(-0.012) };
     let slope = Slope { position: SignalId(3), reference: of(0.0), travel: None, terms: vec![term] };
     gives("screw", &following(0.0, &[], Some(slope)), "30,0,0,-1000", 200.0, 120.0);
 

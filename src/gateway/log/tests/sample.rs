@@ -45,14 +45,11 @@ fn signal(name: &str) -> Signal {
 
 fn linear(name: &str, terms: &[(usize, f64, Reference)]) -> Model {
     let terms = terms.iter().map(|(place, gain, reference)| Term {
-        input: Input { signal: SignalId(*place), reference: *reference, lag: None },
+        input: Input::of(SignalId(*place), *reference, None),
         gain: of(*gain),
     });
-    Model {
-        name: name.to_owned(),
-        kind: Kind::Linear(Linear { offset: of(0.0), terms: terms.collect(), slope: None }),
-        envelope: None,
-    }
+    let kind = Kind::Linear(Linear { offset: of(0.0), terms: terms.collect(), slope: None });
+    Model::new(name.to_owned(), kind)
 }
 
 fn axis(name: &str, every: u64, count: f64, on_fault: OnFault, models: Vec<Model>) -> Axis {
@@ -88,8 +85,7 @@ pub(crate) fn profile() -> Profile {
         _ => None,
     };
     let expression = Expression::parse("2.4 * (A - (2e-5*t + 23.4))", &resolve).unwrap();
-    let bed_only =
-        Model { name: "bed, only".to_owned(), kind: Kind::Formula(Formula { expression }), envelope: None };
+    let bed_only = Model::new("bed, only".to_owned(), Kind::Formula(Formula { expression }));
     let absolute = Reference::Fixed(of(0.0));
     let difference = linear("difference", &[(0, 2.4, absolute), (1, -2.4, absolute)]);
     let rises = linear("the \"rises\"", &[(0, 1.7, Reference::Zero), (1, -0.3, Reference::Start)]);

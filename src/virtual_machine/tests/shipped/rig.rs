@@ -81,7 +81,7 @@ impl Rig {
                     *reading = Reading::good(value, now);
                 }
             }
-            look(second, &plant, &Snapshot { now, readings: &readings });
+            look(second, &plant, &Snapshot::new(now, &readings));
         }
     }
 
@@ -122,7 +122,7 @@ impl Rig {
     fn alone(&self, input: Input) -> AxisSettings {
         let gain = MicronPerCelsius::new(1.0).unwrap();
         let linear = Linear { offset: Micron::ZERO, terms: vec![Term { input, gain }], slope: None };
-        let model = Model { name: "alone".to_owned(), kind: Kind::Linear(linear), envelope: None };
+        let model = Model::new("alone".to_owned(), Kind::Linear(linear));
         let every = Duration::from_secs(1);
         AxisSettings { models: vec![model], every, ..self.profile.axes[0].settings.clone() }
     }

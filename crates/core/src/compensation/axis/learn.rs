@@ -1,8 +1,8 @@
 //! Probings of an axis: judged, learned from, taken back, and begun anew with a new datum.
 
-use super::Axis;
+use super::{Axis, Chosen};
 use crate::compensation::model::{Coverage, Outside, Reference};
-use crate::compensation::probe::{Measured, Probed, Refused};
+use crate::compensation::probe::{Measured, Occasion, Probed, Refused};
 use crate::compensation::reference::Machine;
 use crate::compensation::settings::{Datum, ProbeSettings};
 use crate::compensation::{Control, Snapshot};
@@ -37,7 +37,7 @@ impl Axis {
         }
         let Some(measured) = control.measured else { return };
         let probed = self.judge(snapshot, machine, measured);
-        if probed.refused.is_none() {
+        if matches!(probed.refused, None | Some(Refused::Doubted(_))) {
             self.learn(&probed, snapshot, machine, &settings);
         }
         self.probe.note(probed);
@@ -73,10 +73,25 @@ impl Axis {
             (Some(_), _) if self.tripped => Some(Refused::Tripped),
             (Some(chosen), _) if is_left(chosen.coverage) => Some(Refused::Outside),
             (Some(_), Some(residual)) if residual.abs() > max_error => Some(Refused::Implausible),
-            (Some(_), Some(_)) => None,
+            (Some(chosen), Some(_)) => self.doubts(&chosen, acting - measured.error, snapshot, machine),
             _ => Some(Refused::NoModel),
         };
         Probed { at: snapshot.now, error: measured.error, acting, residual, refused }
+    }
+
+    /// The model in use does not believe at once that this would have been the right Cz.
+    fn doubts(
+        &self,
+        chosen: &Chosen,
+        cz: Micron,
+        snapshot: &Snapshot<'_>,
+        machine: &Machine,
+    ) -> Option<Refused> {
+        let (settings, learned) = (self.settings.probe?, self.probe.models.get(chosen.model)?);
+        let (model, inputs) = self.model(chosen.model, snapshot, machine)?;
+        let missing = self.missing(chosen.model, cz, snapshot, machine)?;
+        let occasion = self.occasion(chosen.model, snapshot.now, machine);
+        learned.judge(missing, model.parts(inputs), &settings, occasion).err().map(Refused::Doubted)
     }
 
     /// Teaches each model that has a value now and may be followed, if it is not wrong beyond belief.
@@ -87,26 +102,34 @@ impl Axis {
         machine: &Machine,
         settings: &ProbeSettings,
     ) {
-        let cz = (probed.acting - probed.error).get();
+        let cz = probed.acting - probed.error;
         let mut models = std::mem::take(&mut self.probe.models);
         for (place, learned) in models.iter_mut().enumerate() {
             let Some((model, inputs)) = self.model(place, snapshot, machine) else { continue };
-            let Ok(evaluated) = model.evaluate(&inputs) else { continue };
-            if is_left(evaluated.coverage) {
-                continue;
-            }
-            let missing = cz - (evaluated.outputs.cz.get() - self.zeroing.of(place).cz.get());
+            let Some(missing) = self.missing(place, cz, snapshot, machine) else { continue };
             let residual = missing - learned.correction(model.parts(inputs), settings);
             if residual.abs() <= settings.max_error.get() {
-                learned.learn(missing, model.parts(inputs), settings);
+                let occasion = self.occasion(place, snapshot.now, machine);
+                learned.learn(missing, model.parts(inputs), settings, occasion);
             }
         }
         self.probe.models = models;
     }
+
+    /// What a model without its correction lacks of this Cz, µm; `None` where it has no value that is followed.
+    fn missing(&self, place: usize, cz: Micron, snapshot: &Snapshot<'_>, machine: &Machine) -> Option<f64> {
+        let evaluated = self.evaluate(place, snapshot, machine).ok()?;
+        (!is_left(evaluated.coverage)).then(|| cz.get() - self.asked(place, evaluated).cz)
+    }
+
+    fn occasion(&self, place: usize, now: Moment, machine: &Machine) -> Occasion {
+        Occasion { now, since_datum: self.since_datum(place, now, machine) }
+    }
 }
 
-/// Outside the region that the model was identified on, and not followed there.
+/// Outside the region that the model was identified on, and not followed there: what its halves agree on is followed.
 fn is_left(coverage: Option<Coverage>) -> bool {
     let found = coverage.and_then(|coverage| coverage.extrapolating);
+    let found = found.filter(|found| found.outside != Outside::Agree);
     found.is_some_and(|found| found.outside == Outside::Hold || found.gain < 1.0)
 }

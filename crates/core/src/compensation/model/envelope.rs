@@ -5,10 +5,14 @@
 //! the excess `e = max(d/r − 1, largest (distance beyond min or max) / (max − min))`; inside it is negative, and says how
 //! far the nearest edge is. Outside begins at the edge, and ends where e is below [`CLEARLY_INSIDE`]: an input that
 //! trembles at the edge is outside once.
+//!
+//! A model that is the mean of two says by how much they differ; d, measured from the datum like its Cz x, counts the
+//! more the farther outside: `Cz = x·x²/(x² + (a·d)²)` with `a = clamp((e − 0.10)/0.25, 0, 1)`.
 
 use serde::{Deserialize, Serialize};
 
 use super::{Input, Inputs, Lag, Unusable};
+use crate::quantity::Micron;
 use crate::reading::SignalId;
 
 /// Most inputs of an envelope: a step keeps its numbers in a place of fixed size.
@@ -17,6 +21,10 @@ pub const MOST: usize = 64;
 /// The excess below which the inputs are clearly inside: each by a twentieth of its range, and the distance by as much
 /// of its reach.
 pub const CLEARLY_INSIDE: f64 = -0.05;
+
+/// The excess at which a difference of the halves begins to count, and that on which it comes to count whole.
+const BEGINS: f64 = 0.10;
+const WIDTH: f64 = 0.25;
 
 /// What an axis does while its inputs lie outside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -28,6 +36,8 @@ pub enum Outside {
     Hold,
     /// Follows `g·Cz` with `g = 1 / (1 + e²)`: 1 at the edge, without a kink there, a half where the excess is 1.
     Shrink,
+    /// Follows the model as far as its two halves agree.
+    Agree,
 }
 
 /// One input as it was when the model was identified.
@@ -49,6 +59,8 @@ pub struct Envelope {
     factor: Vec<f64>,
     reach: f64,
     outside: Outside,
+    /// By term of the model: what the gains of its two halves differ by, µm per unit; of a model without halves none.
+    apart: Vec<f64>,
 }
 
 /// Why there is no such region. Inputs are counted from 0.
@@ -77,8 +89,11 @@ pub struct Extrapolation {
     pub farthest: Option<Beyond>,
     /// What the axis does.
     pub outside: Outside,
-    /// What the model's Cz is multiplied with: 1 but for [`Outside::Shrink`].
+    /// What the model's Cz is multiplied with: 1 but for [`Outside::Shrink`] and [`Outside::Agree`].
     pub gain: f64,
+    /// What the two halves of the model differ by, where it has them.
+    #[serde(default)]
+    pub apart: Option<Micron>,
 }
 
 /// Where the inputs lie.
@@ -128,7 +143,18 @@ impl Envelope {
         if !(reach > 0.0 && reach.is_finite()) {
             return Err(BadEnvelope::Reach);
         }
-        Ok(Envelope { factor: cholesky(covariance)?, inputs, reach, outside })
+        Ok(Envelope { factor: cholesky(covariance)?, inputs, reach, outside, apart: Vec::new() })
+    }
+
+    /// The same, of a model that is the mean of two: by term, what their gains differ by.
+    #[must_use]
+    pub fn of_halves(self, apart: Vec<f64>) -> Envelope {
+        Envelope { apart, ..self }
+    }
+
+    /// By term of the model; empty where it has no halves.
+    pub fn apart(&self) -> &[f64] {
+        &self.apart
     }
 
     /// The region's inputs.
@@ -174,10 +200,10 @@ impl Envelope {
         let excess = (distance / self.reach - 1.0).max(share).min(f64::MAX);
         let gain = match self.outside {
             Outside::Shrink => 1.0 / (1.0 + excess * excess),
-            Outside::Warn | Outside::Hold => 1.0,
+            Outside::Warn | Outside::Hold | Outside::Agree => 1.0,
         };
         let distance = Some((distance, self.reach));
-        let found = Extrapolation { distance, farthest, outside: self.outside, gain };
+        let found = Extrapolation { distance, farthest, outside: self.outside, gain, apart: None };
         Coverage { excess, extrapolating: (excess > 0.0).then_some(found) }
     }
 
@@ -196,6 +222,13 @@ impl Envelope {
         }
         if squared.is_finite() { squared.sqrt() } else { f64::MAX }
     }
+}
+
+/// How much of a Cz of x is used so far outside, where the halves of its model are so far apart: all of it where both are zero.
+pub(in crate::compensation) fn agreed(excess: f64, x: f64, apart: f64) -> f64 {
+    let counts = ((excess - BEGINS) / WIDTH).clamp(0.0, 1.0) * apart;
+    let share = 1.0 / (1.0 + (counts / x).powi(2));
+    if share.is_nan() { 1.0 } else { share }
 }
 
 fn usual_reach(inputs: usize) -> f64 {

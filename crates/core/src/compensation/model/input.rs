@@ -3,8 +3,9 @@
 use std::time::Duration;
 
 use super::{Inputs, Lag, Term, Unusable};
-use crate::compensation::reference::Reference;
-use crate::quantity::{Celsius, MicronPerMillimetreCelsius};
+use crate::compensation::Snapshot;
+use crate::compensation::reference::{Captured, Machine, Reference};
+use crate::quantity::{Celsius, MicronPerMillimetreCelsius, Moment};
 use crate::reading::SignalId;
 
 /// A signal less its reference, at once or behind a lag.
@@ -16,6 +17,8 @@ pub struct Input {
     pub reference: Reference,
     /// Time constant C of the first-order lag, above zero; `None`: the rise acts at once. An envelope's inputs have none.
     pub lag: Option<Duration>,
+    /// The square of the value counts, less the square of the reference; what lags is that.
+    pub squared: bool,
 }
 
 /// What of a model may lag, in the order of its lags.
@@ -37,14 +40,48 @@ impl<'a> Rises<'a> {
 }
 
 impl Input {
+    /// The value itself, less its reference.
+    pub fn of(signal: SignalId, reference: Reference, lag: Option<Duration>) -> Input {
+        Input { signal, reference, lag, squared: false }
+    }
+
+    /// The value that counts, and what is subtracted from it.
+    ///
+    /// # Errors
+    /// The signal cannot be used, its reference has not been captured, or its square is no finite number.
+    pub(super) fn level(
+        &self,
+        snapshot: &Snapshot<'_>,
+        machine: &Machine,
+    ) -> Result<(f64, Captured), Unusable> {
+        let captured = machine.captured(self.reference, self.signal);
+        let (value, reference) = match (snapshot.instead_of(self.signal), self.reference) {
+            // A rise that others predict needs no captured beginning.
+            (Some(instead), Reference::Start) => {
+                let start = captured.unwrap_or(Captured { value: Celsius::ZERO, at: Moment::default() });
+                (start.value.get() + instead.rise, start)
+            }
+            // What they say since the last zero is not known.
+            (Some(_), Reference::Zero) => return Err(Unusable::Signal(self.signal)),
+            _ => {
+                let value = snapshot.value(self.signal).ok_or(Unusable::Signal(self.signal))?;
+                (value, captured.ok_or(Unusable::Reference(self.signal))?)
+            }
+        };
+        if !self.squared {
+            return Ok((value, reference));
+        }
+        let square = |value: f64| Celsius::new(value * value).ok_or(Unusable::NotANumber);
+        let from = square(reference.value.get())?;
+        Ok((square(value)?.get(), Captured { value: from, ..reference }))
+    }
+
     /// The rise now; behind its lag, where it has one.
     ///
     /// # Errors
     /// The signal cannot be used, its reference has not been captured, or the rise is no finite number.
     pub fn rise(&self, inputs: &Inputs<'_>, lag: &Lag) -> Result<Celsius, Unusable> {
-        let value = inputs.snapshot.value(self.signal).ok_or(Unusable::Signal(self.signal))?;
-        let reference =
-            inputs.machine.captured(self.reference, self.signal).ok_or(Unusable::Reference(self.signal))?;
+        let (value, reference) = self.level(&inputs.snapshot, inputs.machine)?;
         let rise = match self.lag {
             Some(_) => lag.rise(self, inputs, value, reference),
             None => Celsius::new(value - reference.value.get()),

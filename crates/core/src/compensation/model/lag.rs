@@ -61,8 +61,8 @@ impl Lag {
 
     /// Goes on to this snapshot. A reading that cannot be used is waited for: the gap is a straight line to the next.
     pub fn follow(&mut self, input: &Input, snapshot: &Snapshot<'_>, machine: &Machine) {
-        let (Some(constant), Some(value)) = (input.lag, snapshot.value(input.signal)) else { return };
-        let Some(reference) = machine.captured(input.reference, input.signal) else { return };
+        let Some(constant) = input.lag else { return };
+        let Ok((value, reference)) = input.level(snapshot, machine) else { return };
         let mut lagged = self.0.unwrap_or_else(|| Lagged::begin(value, reference, snapshot.now));
         lagged.advance(value, snapshot.now, constant);
         lagged.measure_from(input.reference, reference);
@@ -84,7 +84,7 @@ impl Lag {
             Some(lagged) if lagged.has_followed(inputs.snapshot.now, value, reference) => rise(lagged),
             _ => {
                 let mut lag = *self;
-                lag.follow(input, inputs.snapshot, inputs.machine);
+                lag.follow(input, &inputs.snapshot, inputs.machine);
                 lag.0.as_ref().and_then(rise)
             }
         }
@@ -125,7 +125,7 @@ impl Lagged {
         let anew = reference.at != self.captured;
         self.captured = reference.at;
         match kind {
-            Reference::Fixed(value) => self.from = value.get(),
+            Reference::Fixed(_) => self.from = reference.value.get(),
             Reference::Start if anew => {
                 (self.follower, self.from) = (reference.value.get(), reference.value.get())
             }

@@ -124,6 +124,7 @@ impl Evaluate for Matrix {
             farthest: Some(Beyond { signal: self.position, by }),
             outside: Outside::Warn,
             gain: 1.0,
+            apart: None,
         };
         // A guideway of a single point has no length to take a share of: it counts as 1 mm.
         let length = if last > first { last - first } else { 1.0 };

@@ -10,7 +10,7 @@ use crate::quantity::{Celsius, MicronPerCelsius};
 pub struct Term<Gain = MicronPerCelsius> {
     /// The temperature.
     pub input: Input,
-    /// What a rise of one degree adds to the sum.
+    /// What a rise of one unit, or of its square, adds to the sum.
     pub gain: Gain,
 }
 

@@ -1,15 +1,17 @@
-//! What one model has learned: an offset, and where the profile allows it the gains of its terms.
+//! What one model has learned: an offset, how certain it is, and where the profile allows it the gains of its terms.
 
+use super::certainty::{Certainty, Occasion};
 use super::gains::Gains;
 use crate::compensation::model::{Model, Reference};
 use crate::compensation::settings::ProbeSettings;
-use crate::quantity::Moment;
+use crate::quantity::{Micron, Moment};
 
 /// What probings have taught one model.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(in crate::compensation) struct Learned {
     /// µm, inside ±limit.
     pub(super) offset: f64,
+    pub(super) certainty: Certainty,
     pub(super) gains: Option<Gains>,
     /// What the model is measured from is being captured anew, and that is complete here at the earliest.
     pub(super) renews: Option<Moment>,
@@ -20,7 +22,7 @@ impl Learned {
         let gains = settings.and_then(|settings| settings.gains.map(|gains| (gains, settings.limit.get())));
         let gains = gains.filter(|_| !model.correctable().is_empty());
         let gains = gains.map(|(gains, limit)| Gains::new(model.correctable().len(), gains.limit, limit));
-        Learned { offset: 0.0, gains, renews: None }
+        Learned { gains, ..Learned::default() }
     }
 
     /// What it adds to the model's Cz, µm, inside ±limit. `parts`: what each gain contributes to the model's Cz now.
@@ -35,20 +37,45 @@ impl Learned {
         if total.is_nan() { 0.0 } else { total.clamp(-limit, limit) }
     }
 
-    /// Learns that the correction should have been `wanted` µm.
+    /// Whether it believes that its correction should have been `wanted` µm.
+    ///
+    /// # Errors
+    /// How far off it would be believed at once.
+    pub(in crate::compensation) fn judge(
+        &self,
+        wanted: f64,
+        parts: impl Iterator<Item = f64>,
+        settings: &ProbeSettings,
+        occasion: Occasion,
+    ) -> Result<(), Micron> {
+        self.certainty.judge(wanted - self.correction(parts, settings), settings.filter, occasion)
+    }
+
+    /// Learns that the correction should have been `wanted` µm, or doubts it.
     pub(in crate::compensation) fn learn(
         &mut self,
         wanted: f64,
         parts: impl Iterator<Item = f64> + Clone,
         settings: &ProbeSettings,
+        occasion: Occasion,
     ) {
+        let residual = wanted - self.correction(parts.clone(), settings);
+        if self.certainty.judge(residual, settings.filter, occasion).is_err() {
+            return self.certainty.doubt(residual);
+        }
+        let share = self.certainty.learn(residual, settings.filter, occasion);
         if let (Some(gains), Some(bounds)) = (&mut self.gains, &settings.gains) {
             gains.learn(wanted, parts.clone(), bounds.forgetting);
         }
         let rest = wanted - self.correction(parts, settings);
         let limit = settings.limit.get();
-        let offset = (self.offset + settings.filter * rest).clamp(-limit, limit);
+        let offset = (self.offset + share * rest).clamp(-limit, limit);
         self.offset = if offset.is_nan() { self.offset } else { offset };
+    }
+
+    /// When it last learned; `None` also where its limit keeps it from what it should have learned.
+    pub(in crate::compensation) fn touched(&self, settings: &ProbeSettings) -> Option<Moment> {
+        self.certainty.touched().filter(|_| self.offset.abs() < settings.limit.get())
     }
 
     /// What the model is measured from is captured anew, if this is what it is measured from.
@@ -66,7 +93,7 @@ impl Learned {
         parts: impl Iterator<Item = f64>,
         settings: &ProbeSettings,
     ) {
-        self.renews = None;
+        (self.renews, self.certainty) = (None, Certainty::default());
         let limit = settings.limit.get();
         let change = self.gains.as_ref().map_or(0.0, |gains| gains.change(parts));
         self.offset = if change.is_nan() { 0.0 } else { (-change).clamp(-limit, limit) };
@@ -76,7 +103,7 @@ impl Learned {
     }
 
     pub(super) fn clear(&mut self) {
-        self.offset = 0.0;
+        (self.offset, self.certainty) = (0.0, Certainty::default());
         if let Some(gains) = &mut self.gains {
             gains.clear();
         }

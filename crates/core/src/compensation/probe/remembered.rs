@@ -5,6 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::certainty::Certainty;
 use super::gains::Gains;
 use super::{KEPT, Learned, Probe, Probed, Residual};
 use crate::compensation::model::Model;
@@ -25,19 +26,25 @@ struct LearnedRemembered {
     /// The gains and the offset that the profile gives the model.
     corrects: Vec<f64>,
     offset: f64,
+    /// `None` in what was kept before there was one.
+    certainty: Option<Certainty>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     gains: Option<Gains>,
     renews: Option<Moment>,
 }
 
 shifted!(ProbeRemembered: models, last, history);
-shifted!(LearnedRemembered: renews);
+shifted!(LearnedRemembered: certainty, renews);
 
 impl ProbeRemembered {
-    /// When people measured goes by the wall clock, by which the machine was away for so long.
-    pub(in crate::compensation) fn away(&mut self, back: Shift) {
-        self.last.shift(back);
-        self.history.shift(back);
+    /// When people measured goes by the wall clock, by which the machine was away for so long. How certain a correction
+    /// still is goes by the longest that it can have been.
+    pub(in crate::compensation) fn away(&mut self, (by_the_clock, at_most): (Shift, Shift)) {
+        self.last.shift(by_the_clock);
+        self.history.shift(by_the_clock);
+        for learned in &mut self.models {
+            learned.certainty.shift(at_most);
+        }
     }
 }
 
@@ -47,6 +54,7 @@ impl Probe {
             model: model.name.clone(),
             corrects: model.numbers().collect(),
             offset: learned.offset,
+            certainty: Some(learned.certainty),
             gains: learned.gains.clone(),
             renews: learned.renews,
         };
@@ -71,6 +79,7 @@ impl Probe {
             };
             let Some(kept) = kept.models.iter().find(same) else { continue };
             learned.offset = kept.offset.clamp(-limit, limit);
+            learned.certainty = kept.certainty.unwrap_or_else(|| Certainty::of_older(settings));
             learned.renews = kept.renews;
             if let (Some(gains), Some(kept)) = (learned.gains.take(), kept.gains.clone()) {
                 learned.gains = Some(kept.recalled(gains));

@@ -27,12 +27,12 @@ impl Shown {
 
     fn look(&mut self, seconds: u64, values: [f64; 3]) -> Noticed {
         let readings = values.map(|value| reading(value, seconds));
-        self.machine.observe(&self.settings, &Snapshot { now: at(seconds), readings: &readings })
+        self.machine.observe(&self.settings, &Snapshot::new(at(seconds), &readings))
     }
 
     fn would_notice(&self, seconds: u64, values: [f64; 3]) -> bool {
         let readings = values.map(|value| reading(value, seconds));
-        let snapshot = Snapshot { now: at(seconds), readings: &readings };
+        let snapshot = Snapshot::new(at(seconds), &readings);
         self.machine.would_notice(&self.settings, |id| snapshot.value(id), || snapshot.has_usable())
     }
 }

@@ -82,7 +82,7 @@ fn one_axis_is_zeroed_alone_where_no_other_counts_from_the_same_signals() {
         let step = |compensation: &mut Compensation, second, values: [f64; 4]| {
             let readings = values.map(|value| Reading::good(value, at(second)));
             let controls = [Control { permit: Permit::Armed, ..Control::default() }; 2];
-            compensation.step(&Snapshot { now: at(second), readings: &readings }, &controls);
+            compensation.step(&Snapshot::new(at(second), &readings), &controls);
         };
         step(&mut compensation, 10.0, [20.0, 20.0, 0.0, 0.0]);
         let is_done = compensation.zero_axis(0, at(15.0));

@@ -8,7 +8,7 @@ fn line(count: Option<f64>) -> Rig {
     let terms = vec![term(WHEELHEAD, 1.0, Reference::Fixed(of(0.0)))];
     let kind = Kind::Linear(Linear { offset: of(0.0), terms, slope: Some(slope) });
     let intercept_slope = Some(InterceptSlope { reference: of(0.0), reach: of(300.0), count: count.map(um) });
-    let model = Model { name: "line".to_owned(), kind, envelope: None };
+    let model = Model::new("line".to_owned(), kind);
     let mut rig = Rig::new(AxisSettings { intercept_slope, ..axis(vec![model]) });
     rig.values[ON.0] = f64::NAN;
     rig

@@ -68,17 +68,13 @@ fn m4_the_ramp_whatever_the_interval() {
 
 /// The same in the kinds that files describe: one input, one gain.
 fn lagging_files(reference: Reference) -> [Model; 2] {
-    let input = Input { signal: BED, reference, lag: Some(seconds(CONSTANT)) };
+    let input = Input::of(BED, reference, Some(seconds(CONSTANT)));
     let layer = Layer { weights: vec![vec![GAIN]], bias: vec![0.0], activation: Activation::Linear };
     let layers = Layers::new(Scaling::new(&[0.0], &[1.0]).unwrap(), vec![layer], (0.0, 1.0)).unwrap();
     let network = Network::new("n.json", Net::Layers(layers), vec![input]).unwrap();
     let matrix =
         Matrix::new("m.json", vec![input], BUTTON, vec![of(0.0), of(9.0)], vec![of(GAIN); 2]).unwrap();
-    [Kind::Matrix(matrix), Kind::Network(network)].map(|kind| Model {
-        name: "file".to_owned(),
-        kind,
-        envelope: None,
-    })
+    [Kind::Matrix(matrix), Kind::Network(network)].map(|kind| Model::new("file".to_owned(), kind))
 }
 
 #[test]
@@ -244,11 +240,7 @@ fn m5_a_slope_adds_its_share_by_the_distance() {
         terms: vec![term(BED, 0.007, Reference::Fixed(of(20.0)))],
     };
     let linear = Linear { offset: of(0.0), terms: Vec::new(), slope: Some(slope) };
-    let model = |linear: &Linear| Model {
-        name: "slope".to_owned(),
-        kind: Kind::Linear(linear.clone()),
-        envelope: None,
-    };
+    let model = |linear: &Linear| Model::new("slope".to_owned(), Kind::Linear(linear.clone()));
     let mut rig = Rig::new(axis(vec![model(&linear)]));
     rig.values[position.0] = -300.0;
     assert!((raw(rig.show(25.0, 0.0).step()) - -10.5).abs() < 1e-9);
@@ -272,4 +264,47 @@ fn m7_a_wheel_and_a_headstock_added_up() {
     let radius = raw(rig.step());
     assert!((radius - 5.270).abs() < 1e-9, "{radius}");
     assert!((2.0 * radius - 10.540).abs() < 1e-9);
+}
+
+#[test]
+fn the_square_of_a_speed_lags_as_its_square() {
+    let square = |lag| {
+        let input = Input { squared: true, ..Input::of(BED, Reference::Fixed(of(0.0)), lag) };
+        Rig::new(axis(vec![linear("square", 0.0, &[Term { input, gain: of(1.2e-7) }])]))
+    };
+    let whole = 1.2e-7 * 6000.0 * 6000.0;
+    let now = raw(square(None).show(6000.0, 0.0).step());
+    assert!((now - whole).abs() < 1e-12, "{now}");
+    let mut late = square(Some(seconds(CONSTANT)));
+    let found = follow(&mut late, &IRREGULAR, |_| 6000.0, &[600.0, 1800.0]);
+    for (found, span) in found.iter().zip([600.0, 1800.0]) {
+        assert!((found - whole * settled(span / CONSTANT)).abs() < 1e-9, "{found}");
+    }
+    let mut rising = square(None);
+    rising.compensation.axes[0].settings.models = vec![linear(
+        "from",
+        0.0,
+        &[Term { input: Input { squared: true, ..Input::of(BED, Reference::Start, None) }, gain: of(1.0) }],
+    )];
+    rising.show(3.0, 0.0).step();
+    let found = raw(rising.show(5.0, 0.0).after(10.0));
+    assert!((found - 16.0).abs() < 1e-12, "5² − 3², not (5 − 3)²: {found}");
+}
+
+#[test]
+fn a_kept_lag_of_a_speed_is_not_that_of_its_square() {
+    let plain = lagging(Reference::Fixed(of(0.0)));
+    let squared = Term { input: Input { squared: true, ..plain.input }, ..plain };
+    let settings = |term: Term| axis(vec![linear("lag", 0.0, &[term])]);
+    let mut rig = Rig::new(settings(plain));
+    rig.show(25.0, 0.0).run(600.0);
+    let kept = rig.compensation.remembered();
+    let first = |term| {
+        let mut rig = Rig::new(settings(term));
+        rig.compensation =
+            Compensation::new(rig.compensation.settings.clone(), vec![settings(term)], kept.clone());
+        raw(rig.show(25.0, 0.0).after(1200.0))
+    };
+    assert!(first(plain) > 1.0, "it goes on");
+    assert!(first(squared).abs() < 1e-12, "it begins");
 }

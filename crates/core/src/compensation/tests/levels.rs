@@ -28,7 +28,7 @@ fn an_axis_that_is_off_does_not_trip_and_says_what_lies_beyond() {
     let mut rig = with_error(OnFault::Hold);
     assert!(!rig.permit(Permit::Off).show(50.0, 24.0).step().tripped);
     let readings = [50.0, 24.0, 0.0, 0.0].map(|value| Reading::good(value, rig.now));
-    let snapshot = Snapshot { now: rig.now, readings: &readings };
+    let snapshot = Snapshot::new(rig.now, &readings);
     let beyond = rig.compensation.beyond_error(0, &snapshot).unwrap();
     assert!((beyond.get() - 62.4).abs() < 1e-9);
     assert!(rig.permit(Permit::Armed).after(10.0).tripped);

@@ -4,15 +4,19 @@ use crate::quantity::of;
 use proptest::prelude::*;
 
 use super::*;
-use crate::compensation::model::envelope::Identified;
+use crate::compensation::model::envelope::{Identified, agreed};
 use crate::compensation::model::{Envelope, Input, Outside};
+
+/// What the gains of the two halves differ by, µm/°C.
+const APART: f64 = 1.0;
 
 /// `Cz = 2·(bed − 20)`, identified on 18 to 28 °C.
 fn model(outside: Outside) -> Model {
     let mut model = linear("rise", 0.0, &[term(BED, 2.0, Reference::Fixed(of(20.0)))]);
-    let input = Input { signal: BED, reference: Reference::Fixed(of(0.0)), lag: None };
+    let input = Input::of(BED, Reference::Fixed(of(0.0)), None);
     let known = Identified { input, mean: 23.0, range: (18.0, 28.0) };
-    model.envelope = Some(Envelope::new(vec![known], &[vec![9.0]], None, outside).unwrap());
+    let envelope = Envelope::new(vec![known], &[vec![9.0]], Some(3.0), outside).unwrap();
+    model.envelope = Some(envelope.of_halves(if outside == Outside::Agree { vec![APART] } else { vec![] }));
     model
 }
 
@@ -30,7 +34,7 @@ fn rig(outside: Outside) -> Rig {
 
 #[test]
 fn inside_nothing_is_said() {
-    for outside in [Outside::Warn, Outside::Hold, Outside::Shrink] {
+    for outside in [Outside::Warn, Outside::Hold, Outside::Shrink, Outside::Agree] {
         let decision = rig(outside).show(27.0, 0.0).step();
         assert_eq!((decision.state, decision.extrapolating), (AxisState::Active, None));
         assert_eq!(decision.raw, Some(um(14.0)));
@@ -126,12 +130,60 @@ fn what_shrinks_is_measured_from_its_datum() {
     assert!(far.raw.unwrap().abs() < um(1.0), "to zero, not to the datum with its sign turned: {far:?}");
 }
 
+#[test]
+fn agree_takes_what_the_halves_agree_on_the_more_the_farther() {
+    let mut rig = rig(Outside::Agree);
+    // The reach of 3 is at 9 °C from the mean; the range of 10 °C ends 5 °C from it and counts first.
+    for (bed, share) in [
+        (28.0, 1.0),
+        (28.9, 1.0),
+        // e = 0.225: half of the difference counts, (0.5·10.25)² beside 20.5².
+        (30.25, 1.0 / (1.0 + 0.25 * 0.25)),
+        (31.5, 1.0 / (1.0 + 0.5 * 0.5)),
+        (60.0, 1.0 / (1.0 + 0.5 * 0.5)),
+    ] {
+        let decision = rig.show(bed, 0.0).after(10.0);
+        assert_eq!(decision.state, AxisState::Active);
+        let (wanted, found) = (2.0 * (bed - 20.0) * share, decision.raw.unwrap().get());
+        assert!((found - wanted).abs() < 1e-9, "{bed}: {found} {wanted}");
+        if let Some(found) = decision.extrapolating {
+            assert!((found.apart.unwrap().get() - APART * (bed - 20.0)).abs() < 1e-9, "{found:?}");
+            assert!((found.gain - share).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn what_the_halves_agree_on_is_measured_from_the_datum() {
+    let mut settings = axis(vec![model(Outside::Agree)]);
+    settings.datum = Datum::Zero;
+    let mut rig = Rig::new(settings);
+    rig.show(27.0, 0.0).run(100.0);
+    rig.compensation.zero(rig.now);
+    rig.run(100.0);
+    let far = rig.show(40.0, 0.0).after(10.0);
+    // 13 °C from the datum: x = 26, d = 13.
+    assert!((far.extrapolating.unwrap().apart.unwrap().get() - 13.0).abs() < 1e-9, "{far:?}");
+    assert!((far.raw.unwrap().get() - 26.0 * 0.8).abs() < 1e-9, "{far:?}");
+}
+
+#[test]
+fn where_halves_differ_and_cz_is_nothing_nothing_is_asked_for() {
+    let mut settings = axis(vec![model(Outside::Agree)]);
+    settings.datum = Datum::Zero;
+    let mut rig = Rig::new(settings);
+    rig.show(60.0, 0.0).run(100.0);
+    rig.compensation.zero(rig.now);
+    let decision = rig.run(100.0).pop().unwrap();
+    assert_eq!((decision.raw, decision.extrapolating.unwrap().gain), (Some(Micron::ZERO), 1.0));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn no_temperature_makes_a_step_larger_than_allowed(beds in prop::collection::vec(-1e3..1e3_f64, 1..60), way in 0..3_usize) {
-        let mut rig = rig([Outside::Warn, Outside::Hold, Outside::Shrink][way]);
+    fn no_temperature_makes_a_step_larger_than_allowed(beds in prop::collection::vec(-1e3..1e3_f64, 1..60), way in 0..4_usize) {
+        let mut rig = rig([Outside::Warn, Outside::Hold, Outside::Shrink, Outside::Agree][way]);
         let mut last = Micron::ZERO;
         for bed in beds {
             let decision = rig.show(bed, 0.0).after(10.0);
@@ -139,5 +191,18 @@ proptest! {
             prop_assert!(decision.cz.abs() <= um(40.0));
             last = decision.cz;
         }
+    }
+
+    #[test]
+    fn what_the_halves_agree_on_is_continuous_and_never_more_than_the_model(
+        excess in -0.5..2.0_f64,
+        x in -50.0..50.0_f64,
+        apart in -50.0..50.0_f64,
+        little in 1e-9..1e-6_f64,
+    ) {
+        let cz = |excess: f64| x * agreed(excess, x, apart);
+        prop_assert!((cz(excess + little) - cz(excess)).abs() <= 10.0 * little * (x.abs() + apart.abs()));
+        prop_assert!(cz(excess).abs() <= x.abs() && cz(excess) * x >= 0.0);
+        prop_assert!(excess > 0.1 || cz(excess).to_bits() == x.to_bits());
     }
 }

@@ -2,49 +2,55 @@ use crate::quantity::of;
 use proptest::prelude::*;
 
 use super::super::probe::{Measured, Refused};
-use super::super::settings::{GainSettings, ProbeSettings};
+use super::super::settings::{Filter, GainSettings, ProbeSettings};
 use super::*;
 
-fn probe() -> ProbeSettings {
-    ProbeSettings { limit: um(10.0), filter: 0.5, max_error: um(25.0), warn: None, gains: None }
+pub(super) fn probe() -> ProbeSettings {
+    ProbeSettings {
+        limit: um(10.0),
+        filter: Filter::Share(0.5),
+        max_error: um(25.0),
+        warn: None,
+        gains: None,
+    }
 }
 
-fn learning() -> ProbeSettings {
+pub(super) fn learning() -> ProbeSettings {
     ProbeSettings { gains: Some(GainSettings { forgetting: 0.98, limit: 0.2 }), ..probe() }
 }
 
-fn probed_axis(probe: ProbeSettings) -> AxisSettings {
+pub(super) fn probed_axis(probe: ProbeSettings) -> AxisSettings {
     AxisSettings { probe: Some(probe), ..axis(vec![difference(), bed_only()]) }
 }
 
-fn zeroing_machine() -> MachineSettings {
+pub(super) fn zeroing_machine() -> MachineSettings {
     MachineSettings { settle: seconds(30.0), signals: 4, ..MachineSettings::default() }
 }
 
 impl Rig {
     /// A probing now, while this Cz acts.
-    fn probe(&mut self, error: f64, acting: f64) -> Decision {
+    pub(super) fn probe(&mut self, error: f64, acting: f64) -> Decision {
         self.control.measured = Some(Measured { error: um(error), acting: Some(um(acting)) });
         self.after(1.0)
     }
 
-    fn refused(&self) -> Option<Refused> {
+    pub(super) fn refused(&self) -> Option<Refused> {
         self.compensation.probe(0).unwrap().last().unwrap().refused
     }
 
-    fn restart(&mut self, axis: AxisSettings) {
+    pub(super) fn restart(&mut self, axis: AxisSettings) {
         let kept = serde_json::to_string(&self.compensation.remembered()).unwrap();
         let settings = self.compensation.settings.clone();
         self.compensation = Compensation::new(settings, vec![axis], serde_json::from_str(&kept).unwrap());
     }
 }
 
-fn correction(decision: Decision) -> f64 {
+pub(super) fn correction(decision: Decision) -> f64 {
     decision.correction.get()
 }
 
 #[track_caller]
-fn near(found: f64, wanted: f64) {
+pub(super) fn near(found: f64, wanted: f64) {
     assert!((found - wanted).abs() < 1e-9, "{found}, not {wanted}");
 }
 
@@ -154,7 +160,7 @@ fn outside_its_envelope_a_model_learns_only_where_it_is_followed_there() {
         (Outside::Hold, Some(Refused::Outside)),
         (Outside::Shrink, Some(Refused::Outside)),
     ] {
-        let input = Input { signal: BED, reference: Reference::Fixed(of(0.0)), lag: None };
+        let input = Input::of(BED, Reference::Fixed(of(0.0)), None);
         let known = Identified { input, mean: 25.0, range: (20.0, 26.0) };
         let envelope = Some(Envelope::new(vec![known], &[vec![1.0]], None, outside).unwrap());
         let models = vec![Model { envelope, ..difference() }];
@@ -258,6 +264,14 @@ fn a_wrong_gain_is_found_and_an_error_that_stands_still_is_not_blamed_on_it() {
     }
 }
 
+fn any_filter() -> impl Strategy<Value = Filter> {
+    let positive = || prop_oneof![6 => 0.01..30.0f64, 1 => Just(1e-200), 1 => Just(1e300)];
+    prop_oneof![
+        (0.01..1.0f64).prop_map(Filter::Share),
+        (positive(), positive()).prop_map(|(repeat, walk)| Filter::Weighed { repeat, walk }),
+    ]
+}
+
 fn any_number() -> impl Strategy<Value = f64> {
     prop_oneof![8 => -40.0..80.0, 1 => Just(1e300), 1 => Just(-1e300), 1 => Just(f64::NAN), 1 => Just(0.0)]
 }
@@ -268,7 +282,7 @@ proptest! {
     #[test]
     fn whatever_is_measured_the_correction_and_the_gains_stay_inside_their_bounds(
         limit in 0.1..30.0f64,
-        filter in 0.01..1.0f64,
+        filter in any_filter(),
         forgetting in 0.5..1.0f64,
         share in 0.01..0.9f64,
         max_error in prop_oneof![1.0..50.0f64, Just(1e308)],

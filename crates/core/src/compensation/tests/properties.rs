@@ -55,10 +55,9 @@ fn any_axis() -> impl Strategy<Value = AxisSettings> {
                 every: Duration::from_millis(every),
                 on_fault,
                 ..axis(vec![
-                    Model {
-                        envelope: None,
-                        name: "rise".to_owned(),
-                        kind: Kind::Linear(Linear {
+                    Model::new(
+                        "rise".to_owned(),
+                        Kind::Linear(Linear {
                             offset: Micron::ZERO,
                             terms: vec![
                                 lagged(BED, 2.0, Reference::Start, lag),
@@ -71,7 +70,7 @@ fn any_axis() -> impl Strategy<Value = AxisSettings> {
                                 terms: vec![lagged(BED, 0.01, Reference::Fixed(of(20.0)), lag)],
                             }),
                         }),
-                    },
+                    ),
                     difference(),
                     bed_only(),
                 ])

@@ -10,6 +10,7 @@ use crate::document::Section;
 use crate::tables::At;
 use all_over::AllOver;
 use envelope::OutsideWord;
+use expected::RawExpected;
 use identified_with::RawIdentifiedWith;
 use inputs::{Inputs, ReferenceValue};
 use isotherm_core::compensation::model::{Kind, Model};
@@ -20,13 +21,16 @@ use matrix::{Carries, Component};
 pub(crate) mod all_over;
 mod effect;
 mod envelope;
+mod expected;
 mod file;
 mod formula;
+mod halves;
 mod identified_with;
 mod inputs;
 mod linear;
 mod matrix;
 pub mod network;
+mod stand_ins;
 
 /// Every kind of model. A new one is a file beside the others and a line here.
 const KINDS: [&KindOfModel; 4] = [&linear::KIND, &formula::KIND, &matrix::KIND, &network::KIND];
@@ -87,8 +91,15 @@ pub(crate) struct RawModel {
     envelope: Option<String>,
     /// How it was identified; `isotherm identify` writes it.
     identified_with: Option<RawIdentifiedWith>,
-    /// What the axis does outside its envelope: warn: follow the model; hold: keep Cz; shrink: follow it less and less.
+    /// What the axis does outside its envelope: agree: follow the model as far as its halves agree (default); warn: follow it;
+    /// hold: keep Cz; shrink: follow it less and less.
     outside: Option<OutsideWord>,
+    /// linear: a file with the two sums whose mean the model is; `isotherm identify` writes it. Without it `agree` is `warn`.
+    halves: Option<String>,
+    /// How wrong it was on runs that it had not seen; `isotherm identify` writes it, and the page shows it beside Cz.
+    expected: Option<RawExpected>,
+    /// A file with what the sensors say of each other: finds one that is frozen, and stands in for one that is frozen or lost.
+    stand_ins: Option<String>,
     /// matrix: the signal with the position of the axis, mm.
     position: Option<String>,
     /// matrix, network: what rises are measured from: a number, "start" or "zero". A network's default is 0.
@@ -118,9 +129,15 @@ impl RawModel {
             identified_with.doubt(&at.key("identified_with"));
         }
         let kind = (own.resolve)(self, at);
-        let model = self.name.clone().zip(kind).map(|(name, kind)| Model { name, kind, envelope: None });
+        let model = self.name.clone().zip(kind).map(|(name, kind)| Model::new(name, kind));
+        let expected = match &self.expected {
+            Some(expected) => expected.resolve(&at.key("expected")).map(Some),
+            None => Some(None),
+        };
+        let stand_ins = self.stand_ins.as_deref().map(|name| stand_ins::resolve(&at.key("stand_ins"), name));
         let envelope = envelope::resolve(self, at, model.as_ref())?;
-        Some(Model { envelope, ..model? })
+        let stand_ins = stand_ins.map_or(Some(None), |found| found.map(Some))?;
+        Some(Model { envelope, expected: expected?, stand_ins, ..model? })
     }
 
     pub(super) fn may_be_linear(&self) -> bool {
@@ -154,6 +171,16 @@ pub(super) fn preview(profile: &Profile, place: usize, model: &Model, all_over: 
         let envelope = envelope::preview(profile, envelope);
         section.line(format!("     {envelope}"));
         section.entry("envelope", envelope);
+    }
+    if let Some(expected) = &model.expected {
+        let expected = expected::preview(expected);
+        section.line(format!("     {expected}"));
+        section.entry("expected", expected);
+    }
+    if let Some(stand_ins) = &model.stand_ins {
+        let stand_ins = stand_ins::preview(profile, stand_ins);
+        section.line(format!("     {stand_ins}"));
+        section.entry("stand_ins", stand_ins);
     }
     section
 }

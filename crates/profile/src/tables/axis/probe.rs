@@ -6,7 +6,7 @@ use serde::Deserialize;
 use super::{Axis, RawAxis, level};
 use crate::Profile;
 use crate::tables::At;
-use isotherm_core::compensation::settings::{GainSettings, ProbeSettings};
+use isotherm_core::compensation::settings::{Filter, GainSettings, ProbeSettings};
 use isotherm_core::quantity::Micron;
 use isotherm_core::reading::SignalId;
 
@@ -24,8 +24,11 @@ pub(super) struct RawProbe {
     /// Largest correction of a model's Cz, µm; at most the axis's `limit`.
     #[schemars(required)]
     limit: Option<f64>,
-    /// The share of a measured residual that one probing takes into the correction, above 0 and up to 1.
-    #[schemars(required)]
+    /// The standard deviation of a probing, µm: how far two in a row differ. Default 0.5.
+    repeat: Option<f64>,
+    /// How much less certain a model's correction is after an hour, as a variance, µm²/h; `identify` finds it. Default 4.
+    q: Option<f64>,
+    /// In place of `repeat` and `q`: the same share of each measured residual goes into the correction, above 0 and up to 1.
     filter: Option<f64>,
     /// A probing after which the model would be wrong by more than this is not believed, µm.
     #[schemars(required)]
@@ -69,7 +72,7 @@ impl RawProbe {
             let message = format!("a correction of {limit} µm is larger than the axis's limit of {most} µm");
             at.key("limit").wrong(message, "make it smaller: it trims the model, it does not replace it");
         }
-        let filter = share(&at.key("filter"), self.filter);
+        let filter = self.filter(at);
         let max_error = at.key("max_error").positive(self.max_error);
         let warn = level(&at.key("warn"), self.warn);
         if let Some((warn, most)) = self.warn.zip(max_error).filter(|(warn, most)| warn > most) {
@@ -89,6 +92,26 @@ impl RawProbe {
             gains: gains?,
         };
         Some((settings, input?))
+    }
+
+    /// How much of a residual one probing takes.
+    fn filter(&self, at: &At<'_>) -> Option<Filter> {
+        let own = [("repeat", self.repeat), ("q", self.q)];
+        if let Some(filter) = self.filter {
+            for (key, _) in own.iter().filter(|(_, number)| number.is_some()) {
+                let message =
+                    format!("`{key}` weighs each probing, and `filter` gives all of them the same share");
+                let help = format!("remove `filter`: `{key}` is the better way; or remove `{key}`");
+                at.key(key).wrong_key(message, help);
+            }
+            return share(&at.key("filter"), Some(filter)).map(Filter::Share);
+        }
+        let [repeat, walk] =
+            own.map(|(key, number)| number.map_or(Some(None), |_| at.key(key).positive(number).map(Some)));
+        Some(Filter::Weighed {
+            repeat: repeat?.unwrap_or(Filter::REPEAT),
+            walk: walk?.unwrap_or(Filter::WALK),
+        })
     }
 
     /// Where the error is read, `Some(None)` where it comes by command.
@@ -153,10 +176,16 @@ pub(super) fn preview(profile: &Profile, axis: &Axis, settings: &ProbeSettings) 
         None => "commands".to_owned(),
     };
     let diameter = if axis.diameter { ", on the diameter" } else { "" };
+    let share = match settings.filter {
+        Filter::Share(share) => format!("{share} of it"),
+        Filter::Weighed { repeat, walk } => format!(
+            "the more of it the less certain the correction is (each probing by ±{repeat} µm, the correction by {walk} µm² \
+             more each hour)"
+        ),
+    };
     let mut text = format!(
         "measured errors (actual minus commanded{diameter}, with Cz acting) come from {from}; a positive one lowers the \
-         model's Cz by {} of it, in all by at most {} µm; one by which the model would be wrong by more than {} µm is refused",
-        settings.filter,
+         model's Cz by {share}, in all by at most {} µm; one by which the model would be wrong by more than {} µm is refused",
         settings.limit.get(),
         settings.max_error.get()
     );

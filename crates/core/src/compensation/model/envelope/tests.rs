@@ -5,7 +5,7 @@ use super::*;
 use crate::compensation::model::Reference;
 
 fn known(mean: f64, min: f64, max: f64) -> Identified {
-    let input = Input { signal: SignalId(0), reference: Reference::Fixed(of(0.0)), lag: None };
+    let input = Input::of(SignalId(0), Reference::Fixed(of(0.0)), None);
     Identified { input, mean, range: (min, max) }
 }
 

@@ -9,7 +9,7 @@ const SCALE: SignalId = SignalId(2);
 
 /// Two blocks, three points; gains of Cz in µm/K.
 fn matrix() -> Matrix {
-    let input = |place, reference| Input { signal: SignalId(place), reference, lag: None };
+    let input = |place, reference| Input::of(SignalId(place), reference, None);
     let inputs = vec![input(0, Reference::Fixed(of(20.0))), input(1, Reference::Fixed(of(18.0)))];
     let guide = [0.0, 400.0, 1000.0].map(of).to_vec();
     let gains = [1.0, 0.5, 3.0, -1.0, 9.0, 2.0].map(of).to_vec();
@@ -22,13 +22,13 @@ fn with<T>(values: [f64; 3], look: impl Fn(&Snapshot<'_>) -> T) -> T {
         true => Reading::bad(now, Reason::Timeout),
         false => Reading::good(value, now),
     });
-    look(&Snapshot { now, readings: &readings })
+    look(&Snapshot::new(now, &readings))
 }
 
 fn cz(bed: f64, column: f64, at: f64) -> Result<f64, Unusable> {
     with([bed, column, at], |snapshot| {
         let machine = Machine::default();
-        let known = Inputs { snapshot, machine: &machine, lags: &[], splits_slope: false };
+        let known = Inputs { snapshot: *snapshot, machine: &machine, lags: &[], splits_slope: false };
         matrix().evaluate(&known).map(|outputs| outputs.cz.get())
     })
 }
@@ -70,7 +70,7 @@ fn what_is_missing_is_named() {
 
 #[test]
 fn a_matrix_that_is_none_is_refused() {
-    let input = Input { signal: SignalId(0), reference: Reference::Fixed(of(0.0)), lag: None };
+    let input = Input::of(SignalId(0), Reference::Fixed(of(0.0)), None);
     let new = |guide: &[f64], gains: &[f64]| {
         let (guide, gains) = (guide.iter().copied().map(of), gains.iter().copied().map(of));
         Matrix::new("m.json", vec![input], SCALE, guide.collect(), gains.collect()).unwrap_err()

@@ -51,7 +51,7 @@ impl AllOver {
         let readings: Vec<Reading> = signals.iter().map(reading).collect();
         let mut machine = Machine::default();
         let settings = MachineSettings { signals: signals.len(), ..MachineSettings::default() };
-        machine.observe(&settings, &Snapshot { now: Moment::default(), readings: &readings });
+        machine.observe(&settings, &Snapshot::new(Moment::default(), &readings));
         AllOver { celsius, readings, machine }
     }
 
@@ -85,7 +85,7 @@ impl AllOver {
         let follows = |input| {
             let mut lag = Lag::default();
             for now in [begin, begin.after(SETTLED)] {
-                lag.follow(input, &Snapshot { now, readings }, machine);
+                lag.follow(input, &Snapshot::new(now, readings), machine);
             }
             lag
         };
@@ -93,16 +93,16 @@ impl AllOver {
         // A formula has no lag, and is asked at the machine's start.
         let is_late = model.rises().any(|input| input.lag.is_some());
         let now = if is_late { begin.after(SETTLED) } else { begin };
-        let snapshot = Snapshot { now, readings };
-        let inputs = Inputs { snapshot: &snapshot, machine, lags: &lags, splits_slope: false };
+        let snapshot = Snapshot::new(now, readings);
+        let inputs = Inputs { snapshot, machine, lags: &lags, splits_slope: false };
         model.outputs(&inputs).ok().map(|outputs| outputs.cz.get())
     }
 
     /// Whether what the model asks for depends on when the machine was started.
     pub(crate) fn counts_from_start(&self, model: &Model) -> bool {
-        let snapshot = Snapshot { now: Moment::default(), readings: &self.readings };
+        let snapshot = Snapshot::new(Moment::default(), &self.readings);
         let machine = &Machine::default();
-        let inputs = Inputs { snapshot: &snapshot, machine, lags: &[], splits_slope: false };
+        let inputs = Inputs { snapshot, machine, lags: &[], splits_slope: false };
         model.references().any(|reference| reference == Reference::Start)
             || model.outputs(&inputs) == Err(Unusable::MachineOff)
     }

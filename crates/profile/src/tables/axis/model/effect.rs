@@ -19,6 +19,18 @@ pub(super) fn effect(profile: &Profile, id: SignalId, change: f64, place: &str) 
     format!("when {name} rises by 1{space}{unit}{place}, Cz changes by {sign}{change} µm")
 }
 
+/// What a change of an input by one does to Cz; of one that is squared, what all of its range does.
+pub(super) fn effect_of(profile: &Profile, input: &Input, change: f64, place: &str) -> String {
+    if !input.squared {
+        return effect(profile, input.signal, change, place);
+    }
+    let signal = profile.signal(input.signal);
+    let top = signal.range.map_or(1000.0, |(low, high)| high.max(-low));
+    let (name, unit, sign) = (&signal.name, signal.unit, if change < 0.0 { "−" } else { "+" });
+    let (change, top) = (figure((change * top * top).abs()), figure(top));
+    format!("when {name} goes from 0 to {top} {unit}{place}, its square changes Cz by {sign}{change} µm")
+}
+
 /// The place of an effect, with how late it comes.
 pub(super) fn late(profile: &Profile, input: &Input, place: &str) -> String {
     let signal = &profile.signal(input.signal).name;

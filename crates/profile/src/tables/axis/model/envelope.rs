@@ -1,4 +1,4 @@
-//! `envelope` and `outside` of a model: the region of inputs it was identified on.
+//! `envelope`, `outside` and `halves` of a model: the region of inputs it was identified on.
 //!
 //! ```json
 //! { "format": "isotherm-envelope", "version": 1, "reach": 3.4, "covariance": [[4.0, 1.2], [1.2, 2.5]],
@@ -14,6 +14,7 @@ use serde::de::IgnoredAny;
 use super::RawModel;
 use super::effect::{figure, rise};
 use super::file::{bytes, read, taken};
+use super::halves;
 use super::inputs::ReferenceValue;
 use crate::Profile;
 use crate::error::allowed;
@@ -25,6 +26,7 @@ use isotherm_core::quantity::Celsius;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum OutsideWord {
+    Agree,
     Warn,
     Hold,
     Shrink,
@@ -86,18 +88,17 @@ impl EnvelopeFile {
 
 /// The envelope of a model, `Some(None)` where it has none. `model` is the rest of it, if that is right.
 pub(super) fn resolve(raw: &RawModel, at: &At<'_>, model: Option<&Model>) -> Option<Option<Envelope>> {
-    let (place, outside) = (at.key("envelope"), at.key("outside"));
+    let place = at.key("envelope");
     let Some(name) = raw.envelope.as_deref() else {
-        if raw.outside.is_some() && !place.is_written() {
-            let help = "name the file with `envelope`, or remove `outside`";
-            outside.wrong_key("there is no envelope to be outside of", help);
+        let of_it = [("outside", raw.outside.is_some()), ("halves", raw.halves.is_some())];
+        for (key, _) in of_it.into_iter().filter(|(_, named)| *named && !place.is_written()) {
+            let help = format!("name the file with `envelope`, or remove `{key}`");
+            at.key(key).wrong_key("there is no envelope to be outside of", help);
         }
         return Some(None);
     };
-    if raw.outside.is_none() {
-        let help = "write outside = \"warn\" (follow the model all the same), \"hold\" (keep Cz) or \"shrink\" (follow it less and less)";
-        outside.missing("`outside` is missing: what does the axis do outside its envelope?", help);
-    }
+    let halves = at.key("halves");
+    let apart = raw.halves.as_deref().map(|name| halves::resolve(&halves, name, model?));
     let bytes = bytes(&place, name)?;
     let file: EnvelopeFile = taken(&place, name, read(&bytes, "isotherm-envelope"))?;
     let signals = model?.signals();
@@ -110,16 +111,20 @@ pub(super) fn resolve(raw: &RawModel, at: &At<'_>, model: Option<&Model>) -> Opt
             return None;
         };
         let reference = input.reference.map_or(Reference::Fixed(Celsius::ZERO), Reference::from);
-        let input_of = Input { signal, reference, lag: None };
+        let input_of = Input::of(signal, reference, None);
         known.push(Identified { input: input_of, mean: input.mean, range: (input.min, input.max) });
     }
-    let outside = match raw.outside? {
-        OutsideWord::Warn => Outside::Warn,
-        OutsideWord::Hold => Outside::Hold,
-        OutsideWord::Shrink => Outside::Shrink,
+    let apart = apart.map_or(Some(None), |apart| apart.map(Some));
+    let outside = match (raw.outside, &apart) {
+        // Without halves there is nothing that could agree.
+        (Some(OutsideWord::Warn), _) | (Some(OutsideWord::Agree) | None, Some(None)) => Outside::Warn,
+        (Some(OutsideWord::Agree) | None, _) => Outside::Agree,
+        (Some(OutsideWord::Hold), _) => Outside::Hold,
+        (Some(OutsideWord::Shrink), _) => Outside::Shrink,
     };
     let envelope = Envelope::new(known, &file.covariance, file.reach, outside);
-    taken(&place, name, envelope.map_err(|wrong| file.why(wrong))).map(Some)
+    let envelope = taken(&place, name, envelope.map_err(|wrong| file.why(wrong)));
+    Some(Some(envelope?.of_halves(apart?.unwrap_or_default())))
 }
 
 /// The region in words, and what happens outside.
@@ -134,6 +139,7 @@ pub(super) fn preview(profile: &Profile, envelope: &Envelope) -> String {
         Outside::Warn => "outside it says so and goes on",
         Outside::Hold => "outside it keeps Cz",
         Outside::Shrink => "outside Cz is taken down, the more the farther",
+        Outside::Agree => "outside Cz is taken as far as the two halves of the model agree",
     };
     format!(
         "identified on {}, within {:.2} Mahalanobis distances of their mean; {outside}",

@@ -13,7 +13,7 @@ use isotherm_core::compensation::model::{Input, Reference};
 use isotherm_core::quantity::Celsius;
 
 /// Longest time constant that is believed: a longer one never shows its effect in a shift.
-const LONGEST_LAG: Duration = Duration::from_hours(7 * 24);
+pub(super) const LONGEST_LAG: Duration = Duration::from_hours(7 * 24);
 
 /// Signals of a model: by name, or in order.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -137,7 +137,7 @@ pub(super) fn in_order<'r>(
         let reference = own.map(Reference::from).or(of_model);
         lacks_reference |= reference.is_none();
         let input = signal.zip(reference).zip(lag);
-        found.extend(input.map(|((signal, reference), lag)| Input { signal, reference, lag }));
+        found.extend(input.map(|((signal, reference), lag)| Input::of(signal, reference, lag)));
     }
     if lacks_reference {
         let help = "write what the rises are measured from: a number in °C, \"start\" or \"zero\"";

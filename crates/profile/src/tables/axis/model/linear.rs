@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::all_over::signed;
-use super::effect::{effect, figure, lagged, late, reference};
+use super::effect::{effect_of, figure, lagged, late, reference as written};
 use super::inputs::{ReferenceValue, lag};
 use super::{Computation, KindOfModel, Places, RawModel};
 use crate::Profile;
@@ -13,7 +13,6 @@ use crate::duration::Timespan;
 use crate::tables::At;
 use isotherm_core::compensation::model::{Input, Kind, Linear, Reference, Slope, Term};
 use isotherm_core::quantity::{Micron, MicronPerCelsius, MicronPerMillimetreCelsius, Millimetre};
-use isotherm_core::reading::SignalId;
 
 /// 1 mm in µm.
 const MICRONS: f64 = 1000.0;
@@ -27,6 +26,8 @@ pub(super) const KIND: KindOfModel = KindOfModel {
     places,
 };
 
+/// More terms than a person can read.
+const READABLE: usize = 12;
 /// A gain of a term that a machine can have, µm/°C.
 const LARGE_GAIN: f64 = 100.0;
 /// The same of a slope, µm/mm per °C: ten times what aluminium expands by is 0.24.
@@ -40,7 +41,7 @@ pub(super) struct RawTerm {
     /// The temperature.
     #[schemars(required)]
     signal: Option<String>,
-    /// µm per unit of the signal; in a slope µm/mm per unit. Either this, or `expansion` and `length` (not in a slope).
+    /// µm per unit of the signal, or per unit² with power = 2; in a slope µm/mm. Either this, or `expansion` and `length` (not in a slope).
     gain: Option<f64>,
     /// What the rise is measured from. Write reference = 20.0 (a number in the signal's unit: where the structure had its
     /// cold geometry), "start" (its value at machine start), "zero" (its value at the last zero), or 0.0 (the value itself).
@@ -48,6 +49,8 @@ pub(super) struct RawTerm {
     reference: Option<ReferenceValue>,
     /// Time constant C of a first-order lag, 1 − e^(−t/C).
     lag: Option<Timespan>,
+    /// 2: the square of the value counts (µm per unit²), less the square of the reference, as with a spindle's speed. Default 1.
+    power: Option<i64>,
     /// Coefficient of linear expansion, 1/K.
     expansion: Option<f64>,
     /// Length that expands, mm.
@@ -103,13 +106,15 @@ fn terms<Gain>(
         let at = list.item(index);
         let signal = at.key("signal").signal(raw.signal.as_ref());
         let gain = gain(raw, &at);
+        let squared = raw.is_squared(&at);
         if let Some(gain) = gain.filter(|gain| gain.abs() > large && at.is_temperature(signal)) {
             raw.doubt(&at, gain, per);
         }
         // A missing reference has been reported as every missing key is.
         let lag = lag(&at, raw.lag, true);
         let reference = raw.reference.map(Reference::from);
-        Some(Term { input: Input { signal: signal?, reference: reference?, lag: lag? }, gain: unit(gain?)? })
+        let input = Input { squared: squared?, ..Input::of(signal?, reference?, lag?) };
+        Some(Term { input, gain: unit(gain?)? })
     };
     let terms: Vec<Option<Term<Gain>>> = terms.iter().enumerate().map(one).collect();
     terms.into_iter().collect()
@@ -144,6 +149,18 @@ impl RawSlope {
 impl RawTerm {
     pub(super) fn is_at_zero(&self) -> bool {
         self.reference.is_some_and(ReferenceValue::is_zero)
+    }
+
+    fn is_squared(&self, at: &At<'_>) -> Option<bool> {
+        match self.power {
+            None | Some(1) => Some(false),
+            Some(2) => Some(true),
+            Some(other) => {
+                let help = "write power = 2 for the square of the value, or leave it out";
+                at.key("power").wrong(format!("a power of {other} is none that a term can have"), help);
+                None
+            }
+        }
     }
 
     fn doubt(&self, at: &At<'_>, gain: f64, per: &str) {
@@ -209,7 +226,10 @@ fn places(kind: &Kind) -> Option<Places> {
 
 /// The sum as it is written on paper.
 fn text(profile: &Profile, linear: &Linear) -> String {
-    let mut text = format!("Cz = {}", sum_text(profile, &parts(&linear.terms)));
+    let mut text = match linear.terms.len() {
+        many if many > READABLE => format!("Cz = the sum of {many} terms"),
+        _ => format!("Cz = {}", sum_text(profile, &parts(&linear.terms))),
+    };
     let sign = if linear.offset < Micron::ZERO { "−" } else { "+" };
     let zero = if linear.terms.is_empty() { "" } else { " " };
     text.push_str(&format!("{zero}{sign} {} µm", figure(linear.offset.get().abs())));
@@ -233,30 +253,54 @@ fn sum_text(profile: &Profile, parts: &[(Input, f64)]) -> String {
             (_, false) => " + ",
             (_, true) => " − ",
         };
-        let reference = reference(input.reference);
         let name = &profile.signal(input.signal).name;
-        text.push_str(&format!("{sign}{}·({name} − {reference})", figure(gain.abs())));
+        let rise = match (input.squared, input.reference) {
+            (false, reference) => format!("({name} − {})", written(reference)),
+            (true, Reference::Fixed(number)) => format!("({name}² − {})", figure(number.get().powi(2))),
+            (true, captured) => format!("({name}² − the square of {})", written(captured)),
+        };
+        text.push_str(&format!("{sign}{}·{rise}", figure(gain.abs())));
         text.push_str(&lagged(input));
     }
     text
 }
 
 fn effects(profile: &Profile, linear: &Linear) -> Vec<String> {
-    let mut effects = gains(&linear.terms)
-        .into_iter()
-        .map(|(input, gain)| effect(profile, input.signal, gain, &late(profile, &input, "")))
-        .collect::<Vec<String>>();
-    effects.extend(together(profile, &linear.terms, 1.0, ""));
+    let is_readable = linear.terms.len() <= READABLE;
+    let each = gains(&linear.terms).into_iter().filter(|_| is_readable);
+    let mut effects: Vec<String> =
+        each.map(|(input, gain)| effect_of(profile, &input, gain, &late(profile, &input, ""))).collect();
+    match is_readable {
+        true => effects.extend(together(profile, &linear.terms, 1.0, "")),
+        false => effects.extend(at_once_and_at_rest(profile, &linear.terms)),
+    }
     if let Some(slope) = &linear.slope {
         let position = &profile.signal(slope.position).name;
         let beside = format!(" and {position} stands 100 mm above {} mm", figure(slope.reference.get()));
         for (input, gain) in gains(&slope.terms) {
             let place = late(profile, &input, &beside);
-            effects.push(effect(profile, input.signal, gain * 100.0, &place));
+            effects.push(effect_of(profile, &input, gain * 100.0, &place));
         }
         effects.extend(together(profile, &slope.terms, 100.0, &beside));
     }
     effects
+}
+
+/// For each signal of a long sum: what it does at once, and in the steady state.
+fn at_once_and_at_rest(profile: &Profile, terms: &[Term]) -> Vec<String> {
+    let own = gains(terms).into_iter().map(|(input, gain)| ((input.signal, input.squared), (input, gain)));
+    let sum = |own: Vec<(Input, f64)>| {
+        let at_once: f64 = own.iter().filter(|(input, _)| input.lag.is_none()).map(|(_, gain)| gain).sum();
+        let at_rest: f64 = own.iter().map(|(_, gain)| gain).sum();
+        let (input, signal) = (own[0].0, profile.signal(own[0].0.signal));
+        if input.squared || signal.unit.0 == "rpm" {
+            return effect_of(profile, &input, at_rest, " for good");
+        }
+        let [at_once, at_rest] = [at_once, at_rest].map(signed);
+        let (name, unit) = (&signal.name, signal.unit);
+        format!("{name}: {at_once} µm/{unit} at once, {at_rest} µm/{unit} in the steady state")
+    };
+    grouped(own).into_iter().map(|(_, own)| sum(own)).collect()
 }
 
 /// The way a signal moves Cz in the end, where several lags share it: one of them alone may point the other way.
@@ -266,12 +310,14 @@ fn together<Gain: Copy + Into<f64>>(
     times: f64,
     beside: &str,
 ) -> Vec<String> {
-    let own = gains(terms).into_iter().map(|(input, gain)| (input.signal, gain * times));
-    let sum = |(signal, own): (SignalId, Vec<f64>)| {
+    let all = gains(terms).into_iter();
+    let own = all.map(|(input, gain)| ((input.signal, input.squared), (input, gain * times)));
+    let sum = |own: Vec<(Input, f64)>| {
         let place = format!("{beside} for good (its {} terms added up)", own.len());
-        (own.len() > 1).then(|| effect(profile, signal, own.iter().sum(), &place))
+        let all = own.iter().map(|(_, change)| change).sum();
+        (own.len() > 1).then(|| effect_of(profile, &own[0].0, all, &place))
     };
-    grouped(own).into_iter().filter_map(sum).collect()
+    grouped(own).into_iter().filter_map(|(_, own)| sum(own)).collect()
 }
 
 /// Each input with its gain, in the unit of the sum.
@@ -281,7 +327,7 @@ fn parts<Gain: Copy + Into<f64>>(terms: &[Term<Gain>]) -> Vec<(Input, f64)> {
 
 /// The gains of each signal and each lag added up.
 fn gains<Gain: Copy + Into<f64>>(terms: &[Term<Gain>]) -> Vec<(Input, f64)> {
-    let keyed = parts(terms).into_iter().map(|part| ((part.0.signal, part.0.lag), part));
+    let keyed = parts(terms).into_iter().map(|part| ((part.0.signal, part.0.squared, part.0.lag), part));
     let sum = |parts: Vec<(Input, f64)>| (parts[0].0, parts.iter().map(|(_, gain)| gain).sum());
     grouped(keyed).into_iter().map(|(_, parts)| sum(parts)).collect()
 }

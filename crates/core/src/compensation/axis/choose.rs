@@ -1,0 +1,119 @@
+//! Which model an axis follows, and how much of what that asks for.
+
+use super::Axis;
+use crate::compensation::model::envelope::agreed;
+use crate::compensation::model::{Coverage, Evaluated, Inputs, Model, Outside, Unusable};
+use crate::compensation::reference::Machine;
+use crate::compensation::{Snapshot, StoodIn};
+use crate::quantity::Micron;
+
+/// What the first usable model asks for.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::compensation) struct Chosen {
+    /// Its place in the profile's list.
+    pub(in crate::compensation) model: usize,
+    /// Cz; where the slope is split off, K0.
+    pub(in crate::compensation) raw: Micron,
+    /// What of it probings have added.
+    pub(super) correction: Micron,
+    /// What the slope comes to at the reach.
+    pub(super) slope: Micron,
+    /// Where the machine is in or outside what the model was identified on.
+    pub(super) coverage: Option<Coverage>,
+    /// A sensor of it that others stand in for.
+    pub(super) stood_in: Option<StoodIn>,
+}
+
+/// What a model asks for from its datum on, µm and µm/mm.
+pub(super) struct Asked {
+    pub(super) cz: f64,
+    slope: f64,
+    /// What all of it, with its correction, is still to be multiplied with.
+    gain: f64,
+    coverage: Option<Coverage>,
+}
+
+impl Axis {
+    pub(super) fn evaluate(
+        &self,
+        place: usize,
+        snapshot: &Snapshot<'_>,
+        machine: &Machine,
+    ) -> Result<Evaluated, Unusable> {
+        let (model, inputs) = self.model(place, snapshot, machine).ok_or(Unusable::NotANumber)?;
+        model.evaluate(&inputs)
+    }
+
+    /// A model, and what it is evaluated from.
+    pub(super) fn model<'a>(
+        &'a self,
+        place: usize,
+        snapshot: &'a Snapshot<'a>,
+        machine: &'a Machine,
+    ) -> Option<(&'a Model, Inputs<'a>)> {
+        let lags = self.lags.get(place).map(Vec::as_slice).unwrap_or_default();
+        let snapshot = self.watched.get(place)?.seen(snapshot);
+        let inputs =
+            Inputs { snapshot, machine, lags, splits_slope: self.settings.intercept_slope.is_some() };
+        Some((self.settings.models.get(place)?, inputs))
+    }
+
+    /// The first model whose signals are all good, with its value, and what the preferred one lacks. One that only
+    /// waits for a reference or for the machine's start is waited for: fallback models stand in for broken sensors.
+    pub(in crate::compensation) fn choose(
+        &self,
+        snapshot: &Snapshot<'_>,
+        machine: &Machine,
+    ) -> (Option<Chosen>, Option<Unusable>) {
+        let mut lacks = None;
+        for place in 0..self.settings.models.len() {
+            let evaluated = match self.frozen_in(place) {
+                Some(frozen) => Err(Unusable::Frozen(frozen)),
+                None => self.evaluate(place, snapshot, machine),
+            };
+            match evaluated {
+                Ok(evaluated) => {
+                    let correction = self.correction(place, snapshot, machine);
+                    return (self.chosen(place, evaluated, correction), lacks);
+                }
+                Err(reason @ (Unusable::Reference(_) | Unusable::MachineOff)) => {
+                    return (None, lacks.or(Some(reason)));
+                }
+                Err(reason) => lacks = lacks.or(Some(reason)),
+            }
+        }
+        (None, lacks)
+    }
+
+    /// What it asks for from its datum on. Where its envelope shrinks it, what is left of the datum and of the correction
+    /// shrinks with it: far outside Cz goes to zero. What its halves agree on is the model's own; a correction was measured.
+    fn chosen(&self, model: usize, evaluated: Evaluated, correction: f64) -> Option<Chosen> {
+        let Asked { cz, slope, gain, coverage } = self.asked(model, evaluated);
+        let reach = self.settings.intercept_slope.map_or(0.0, |line| line.reach.get());
+        Some(Chosen {
+            model,
+            raw: Micron::new((cz + correction) * gain)?,
+            correction: Micron::new(correction * gain)?,
+            slope: Micron::new(slope * gain * reach)?,
+            coverage,
+            stood_in: self.stood_in(model),
+        })
+    }
+
+    /// What a model asks for from its datum on, as far as its halves agree where they have to.
+    pub(super) fn asked(&self, model: usize, evaluated: Evaluated) -> Asked {
+        let (Evaluated { outputs, mut coverage }, datum) = (evaluated, self.zeroing.of(model));
+        let cz = outputs.cz.get() - datum.cz.get();
+        let slope = outputs.slope.get() - datum.slope.get();
+        let Some(Coverage { excess, extrapolating: Some(found) }) = &mut coverage else {
+            return Asked { cz, slope, gain: 1.0, coverage };
+        };
+        if found.outside != Outside::Agree {
+            return Asked { cz, slope, gain: found.gain, coverage };
+        }
+        let apart = outputs.apart - datum.apart;
+        found.gain = agreed(*excess, cz, apart.get());
+        found.apart = Some(apart);
+        Asked { cz: cz * found.gain, slope: slope * found.gain, gain: 1.0, coverage }
+    }
+}

@@ -1,0 +1,31 @@
+//! How wrong the model in use is expected to be, by the time since its datum and since the last probing.
+
+use std::time::Duration;
+
+use super::{Axis, Chosen};
+use crate::compensation::model::Model;
+use crate::compensation::reference::Machine;
+use crate::quantity::{Micron, Moment};
+
+impl Axis {
+    /// One standard deviation of what is left of the error where the model is followed; `None` outside its envelope and where
+    /// others stand in for a sensor, which was not tried, and where the profile does not say.
+    pub(super) fn expected(&self, chosen: &Chosen, now: Moment, machine: &Machine) -> Option<Micron> {
+        let is_outside = chosen.coverage.is_some_and(|coverage| coverage.extrapolating.is_some());
+        let is_tried = !is_outside && chosen.stood_in.is_none();
+        let expected = self.settings.models.get(chosen.model)?.expected.filter(|_| is_tried)?;
+        let learned = self.settings.probe.as_ref().zip(self.probe.models.get(chosen.model));
+        let touched = learned.and_then(|(settings, learned)| learned.touched(settings));
+        let since_touch = touched.map(|touched| now.since(touched));
+        expected.after(self.since_datum(chosen.model, now, machine), since_touch)
+    }
+
+    /// How long ago it was taken what a model is measured from: its references, or the axis's datum. One that is measured
+    /// from numbers counts from the machine's start.
+    pub(super) fn since_datum(&self, place: usize, now: Moment, machine: &Machine) -> Duration {
+        let rises = self.settings.models.get(place).into_iter().flat_map(Model::rises);
+        let ages = rises.filter_map(|input| machine.age(input.reference, input.signal, now));
+        let own = self.zeroing.at().map(|at| now.since(at));
+        ages.chain(own).min().or_else(|| machine.on_time(now)).unwrap_or_default()
+    }
+}

@@ -1,0 +1,272 @@
+//! Frozen and lost sensors: found, replaced by what the others say, and believed again.
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::compensation::model::StandIns;
+use crate::compensation::model::stand_ins::Described;
+use crate::quantity::of;
+
+const COLUMN: SignalId = SignalId(2);
+/// °C.
+const THRESHOLD: f64 = 0.3;
+
+/// The bed is the mean of the others, and the wheelhead is the column: the bed has no part in it.
+fn stand_ins(file: u64) -> StandIns {
+    let sensor = |signal, terms| Described { signal, threshold: THRESHOLD, stands_in: true, terms };
+    let bed = vec![Described::term(WHEELHEAD, None, 0.5), Described::term(COLUMN, None, 0.5)];
+    let wheelhead = vec![Described::term(COLUMN, None, 1.0), Described::term(BED, None, 0.0)];
+    let column = vec![Described::term(BED, None, 1.0)];
+    StandIns::new(vec![sensor(BED, bed), sensor(WHEELHEAD, wheelhead), sensor(COLUMN, column)], file)
+}
+
+fn rises() -> Model {
+    let terms = [
+        term(BED, 2.0, Reference::Start),
+        lagged(BED, 3.0, Reference::Start, Some(seconds(1800.0))),
+        term(WHEELHEAD, -1.0, Reference::Start),
+    ];
+    linear("rises", 0.0, &terms)
+}
+
+fn settings(file: u64) -> AxisSettings {
+    let watched = Model { stand_ins: Some(stand_ins(file)), ..rises() };
+    axis(vec![watched, linear("wheelhead", 0.0, &[term(WHEELHEAD, 1.0, Reference::Start)])])
+}
+
+/// The same machine twice: one whose sensors fail, and one whose do not.
+struct Twins {
+    failing: Rig,
+    whole: Rig,
+    minutes: f64,
+    /// °C a minute.
+    slope: f64,
+    frozen: [Option<f64>; 3],
+    lost: [bool; 3],
+}
+
+impl Twins {
+    fn new(slope: f64) -> Twins {
+        let (failing, whole) = (Rig::new(settings(1)), Rig::new(axis(vec![rises()])));
+        Twins { failing, whole, minutes: 0.0, slope, frozen: [None; 3], lost: [false; 3] }
+    }
+
+    fn true_value(&self, place: usize) -> f64 {
+        20.0 + place as f64 + self.slope * self.minutes
+    }
+
+    fn freeze(&mut self, signal: SignalId) {
+        self.frozen[signal.0] = Some(self.true_value(signal.0));
+    }
+
+    /// Both a while later, every ten seconds: how far they were apart at most, and how the failing one stood at the end.
+    fn run(&mut self, minutes: f64) -> (f64, Decision) {
+        let (mut apart, end) = (0.0_f64, self.minutes + minutes);
+        loop {
+            let truth = [0, 1, 2].map(|place| self.true_value(place));
+            for (place, truth) in truth.into_iter().enumerate() {
+                self.whole.values[place] = truth;
+                let shown = if self.lost[place] { f64::NAN } else { truth };
+                self.failing.values[place] = self.frozen[place].unwrap_or(shown);
+            }
+            let (failing, whole) = (self.failing.step(), self.whole.step());
+            if let (Some(failing), Some(whole)) = (failing.raw, whole.raw) {
+                apart = apart.max((failing - whole).abs().get());
+            }
+            for rig in [&mut self.failing, &mut self.whole] {
+                rig.now = rig.now.after(seconds(10.0));
+            }
+            self.minutes += 1.0 / 6.0;
+            if self.minutes >= end {
+                return (apart, failing);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_sensor_that_freezes_while_the_machine_warms_is_found_and_replaced() {
+    let mut twins = Twins::new(0.05);
+    let (apart, decision) = twins.run(60.0);
+    assert!(apart < 1e-9 && decision.state == AxisState::Active, "{apart} {decision:?}");
+    twins.freeze(BED);
+    let at = twins.failing.now;
+    let (before, decision) = twins.run(5.0);
+    assert_eq!(decision.stood_in, None, "its prediction has moved by no more than 0.3 °C");
+    assert!(before > 0.3, "a frozen sensor is missing meanwhile: {before}");
+    let (_, decision) = twins.run(5.0);
+    let found = decision.stood_in.unwrap();
+    assert_eq!((decision.state, decision.model), (AxisState::Degraded, Some(0)));
+    assert_eq!((found.signal, found.frozen, found.others), (BED, true, 2));
+    assert!(at.since(found.since) <= seconds(10.0), "since it last changed: {found:?}");
+    let (apart, decision) = twins.run(600.0);
+    assert_eq!(decision.state, AxisState::Degraded);
+    // A minute's mean is half a minute old, and one more until the next.
+    assert!(apart < 0.05 * 2.0 * 5.0, "{apart}");
+}
+
+#[test]
+fn a_sensor_of_a_machine_that_rests_is_never_frozen() {
+    let mut twins = Twins::new(0.0);
+    let (apart, decision) = twins.run(48.0 * 60.0);
+    assert_eq!((apart, decision.state, decision.stood_in), (0.0, AxisState::Active, None));
+}
+
+#[test]
+fn a_frozen_sensor_that_moves_again_is_believed_after_an_hour_of_agreement() {
+    let mut twins = Twins::new(0.05);
+    twins.run(60.0);
+    twins.freeze(BED);
+    assert!(twins.run(30.0).1.stood_in.is_some());
+    twins.frozen[0] = None;
+    assert!(twins.run(58.0).1.stood_in.is_some());
+    let (apart, decision) = twins.run(5.0);
+    assert_eq!((decision.state, decision.stood_in), (AxisState::Active, None));
+    assert!(apart < 0.5, "{apart}");
+}
+
+#[test]
+fn a_frozen_sensor_that_moves_and_does_not_agree_is_not_believed_until_a_person_has_looked() {
+    let mut twins = Twins::new(0.05);
+    twins.run(60.0);
+    twins.freeze(BED);
+    twins.run(30.0);
+    for shown in [30.0, 30.1, 30.2] {
+        twins.frozen[0] = Some(shown);
+        assert!(twins.run(40.0).1.stood_in.is_some(), "{shown}");
+    }
+    twins.failing.permit(Permit::Off);
+    assert_eq!(twins.run(0.1).1.state, AxisState::Off);
+    twins.failing.permit(Permit::Armed);
+    twins.frozen[0] = None;
+    let (_, decision) = twins.run(1.0);
+    assert_eq!((decision.state, decision.stood_in), (AxisState::Active, None));
+}
+
+#[test]
+fn a_lost_sensor_is_replaced_at_once_and_a_line_that_was_lost_is_no_lost_sensor() {
+    let mut twins = Twins::new(0.05);
+    twins.run(60.0);
+    twins.lost[0] = true;
+    let (apart, decision) = twins.run(2.0);
+    assert_eq!((decision.state, decision.model), (AxisState::Degraded, Some(0)));
+    assert!(!decision.stood_in.unwrap().frozen && apart < 0.5, "{apart} {decision:?}");
+    twins.lost[0] = false;
+    assert_eq!(twins.run(0.1).1.state, AxisState::Active);
+    twins.lost[0] = true;
+    assert!(twins.run(300.0).0 < 0.5);
+    twins.lost[0] = false;
+    assert_eq!(twins.run(50.0).1.state, AxisState::Degraded, "an hour has not gone by");
+    assert_eq!(twins.run(15.0).1.state, AxisState::Active);
+}
+
+#[test]
+fn a_stand_in_is_never_an_input_of_another() {
+    let mut twins = Twins::new(0.05);
+    twins.run(60.0);
+    twins.lost[0] = true;
+    twins.run(10.0);
+    // The wheelhead rests on the column alone, but the bed rests on both: neither the model nor its stand-in is left.
+    twins.lost[1] = true;
+    let (_, decision) = twins.run(10.0);
+    assert_eq!((decision.model, decision.lacks), (None, Some(Unusable::Signal(BED))));
+    // With the bed back, the wheelhead has its stand-in.
+    twins.lost[0] = false;
+    let (apart, decision) = twins.run(5.0);
+    assert_eq!(decision.stood_in.map(|found| found.signal), Some(WHEELHEAD));
+    assert!(apart < 1.0, "{apart}");
+}
+
+#[test]
+fn a_frozen_sensor_that_nobody_stands_in_for_is_used_by_no_model() {
+    let mut settings = settings(1);
+    let sensor = Described {
+        signal: WHEELHEAD,
+        threshold: THRESHOLD,
+        stands_in: false,
+        terms: vec![Described::term(BED, None, 1.0)],
+    };
+    settings.models[0].stand_ins = Some(StandIns::new(vec![sensor], 1));
+    settings.models.push(linear("bed", 0.0, &[term(BED, 1.0, Reference::Start)]));
+    let mut twins = Twins::new(0.05);
+    twins.failing = Rig::new(settings);
+    twins.run(60.0);
+    twins.freeze(WHEELHEAD);
+    let (_, decision) = twins.run(20.0);
+    assert_eq!((decision.model, decision.lacks), (Some(2), Some(Unusable::Frozen(WHEELHEAD))));
+    assert_eq!((decision.state, decision.stood_in), (AxisState::Degraded, None));
+}
+
+#[test]
+fn a_sensor_that_was_lost_when_the_machine_started_rises_as_the_others_say() {
+    let mut twins = Twins::new(0.05);
+    twins.lost[0] = true;
+    let (apart, decision) = twins.run(300.0);
+    assert_eq!((decision.state, decision.model), (AxisState::Degraded, Some(0)));
+    assert!(apart < 0.5, "{apart}");
+    let mut absolute = Twins::new(0.05);
+    let mut settings = settings(1);
+    let Kind::Linear(linear) = &mut settings.models[0].kind else { panic!("linear") };
+    linear.terms[0].input.reference = Reference::Fixed(of(20.0));
+    absolute.failing = Rig::new(settings);
+    absolute.lost[0] = true;
+    assert_eq!(absolute.run(60.0).1.model, Some(1), "nobody knows how warm it was");
+}
+
+#[test]
+fn a_run_that_goes_on_elsewhere_decides_the_same_bit_for_bit() {
+    let mut twins = Twins::new(0.05);
+    twins.run(60.3);
+    twins.freeze(BED);
+    for span in [3.2, 6.1, 17.7] {
+        twins.run(span);
+        let kept = serde_json::to_string(&twins.failing.compensation.running()).unwrap();
+        let kept = serde_json::from_str(&kept).unwrap();
+        let machine = MachineSettings { signals: 4, ..MachineSettings::default() };
+        twins.whole.compensation = Compensation::new(machine, vec![settings(1)], kept);
+        let mut values = twins.failing.values;
+        for _ in 0..60 {
+            values[1] += 0.05;
+            values[2] += 0.05;
+            (twins.failing.values, twins.whole.values) = (values, values);
+            let (there, here) = (twins.failing.after(10.0), twins.whole.after(10.0));
+            assert_eq!(here, there);
+        }
+        twins.minutes += 10.0;
+    }
+    assert!(twins.failing.compensation.decision(0).unwrap().stood_in.is_some());
+}
+
+#[test]
+fn what_was_kept_with_another_file_is_not_taken_up() {
+    let mut twins = Twins::new(0.05);
+    twins.run(60.0);
+    twins.freeze(BED);
+    twins.run(30.0);
+    let kept = twins.failing.compensation.remembered();
+    for (file, frozen) in [(1, true), (2, false)] {
+        let machine = MachineSettings { signals: 4, ..MachineSettings::default() };
+        twins.failing.compensation = Compensation::new(machine, vec![settings(file)], kept.clone());
+        assert_eq!(twins.failing.step().stood_in.is_some(), frozen, "{file}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn whenever_it_freezes_it_is_found_when_the_others_have_moved_by_the_threshold(
+        slope in prop_oneof![-0.1..-0.01_f64, 0.01..0.1_f64],
+        after in 5.0..90.0_f64,
+    ) {
+        let mut twins = Twins::new(slope);
+        prop_assert!(twins.run(after).0 < 1e-9);
+        twins.freeze(BED);
+        let moved = THRESHOLD / slope.abs();
+        if moved > 4.0 {
+            prop_assert_eq!(twins.run(moved - 1.5).1.stood_in, None);
+        }
+        prop_assert!(twins.run(5.0 + moved).1.stood_in.is_some());
+        prop_assert!(twins.run(120.0).0 < slope.abs() * 2.0 * 5.0);
+    }
+}

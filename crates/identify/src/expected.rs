@@ -1,0 +1,139 @@
+//! How far off a model may be expected to be: one standard deviation that grows with the hours since the datum, or since the
+//! last touch of a probe, learnt from what was left on runs that were held out.
+//!
+//! ```text
+//! σ²(h) = a·h + b        µm², h in hours
+//! ```
+//!
+//! Least squares of what was left squared on (h, 1), not negative; then reweighted by 1/σ⁴, as squares of normal errors
+//! scatter (gamma likelihood). Each run has the same weight, and of its rows every fifth counts: neighbours say the same.
+
+use serde::Serialize;
+
+use crate::statistics::count;
+use crate::validate::HeldOut;
+
+const EVERY: usize = 5;
+const ROUNDS: usize = 12;
+/// How often a probe is taken to touch, s.
+const TOUCHES_EVERY: f64 = 3600.0;
+
+/// a and b of σ² = a·h + b.
+pub type Growth = [f64; 2];
+
+/// What to expect of a model.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Expected {
+    /// Hours since the datum.
+    pub since_datum: Growth,
+    /// Hours since the last touch of a probe.
+    pub since_touch: Growth,
+}
+
+/// How much of a held-out run was where it was expected.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Inside {
+    /// Share of the rows inside one time what was expected, 0 to 1: 0.68 for normal errors.
+    pub inside_1: f64,
+    /// Inside two times: 0.95.
+    pub inside_2: f64,
+}
+
+/// Hours, what was left squared, and the weight.
+type Row = (f64, f64, f64);
+
+/// From every held-out run; `None` where there are fewer than two, or nothing was left.
+pub(crate) fn expected(held_out: &[HeldOut]) -> Option<Expected> {
+    let all = |rows: fn(&HeldOut) -> Vec<Row>| growth(held_out.iter().flat_map(rows).collect());
+    (held_out.len() > 1).then_some(())?;
+    Some(Expected { since_datum: all(since_datum)?, since_touch: all(since_touch)? })
+}
+
+/// How much of each of these runs is where it is expected.
+pub(crate) fn inside(expected: &Expected, held: &HeldOut) -> Inside {
+    let [a, b] = expected.since_datum;
+    let rows = since_datum(held);
+    let within = |times: f64| {
+        let inside = rows.iter().filter(|(hours, square, _)| *square <= times * times * (a * hours + b));
+        count(inside.count()) / count(rows.len()).max(1.0)
+    };
+    Inside { inside_1: within(1.0), inside_2: within(2.0) }
+}
+
+fn since_datum(held: &HeldOut) -> Vec<Row> {
+    let begin = held.seconds.first().copied().unwrap_or_default();
+    let left = held.residual(None);
+    rows(held.seconds.iter().map(|second| second - begin).zip(left))
+}
+
+fn since_touch(held: &HeldOut) -> Vec<Row> {
+    let left = held.residual(Some(TOUCHES_EVERY));
+    let mut touched = (f64::NEG_INFINITY, 0.0);
+    let since = held.seconds.iter().map(|second| {
+        let window = (second / TOUCHES_EVERY).floor();
+        if window > touched.0 {
+            touched = (window, *second);
+        }
+        second - touched.1
+    });
+    rows(since.zip(left))
+}
+
+fn rows(all: impl ExactSizeIterator<Item = (f64, f64)>) -> Vec<Row> {
+    let weight = 1.0 / count(all.len().div_ceil(EVERY)).max(1.0);
+    all.step_by(EVERY).map(|(seconds, left)| (seconds / 3600.0, left * left, weight)).collect()
+}
+
+fn growth(rows: Vec<Row>) -> Option<Growth> {
+    let mean = rows.iter().map(|row| row.1 * row.2).sum::<f64>() / rows.iter().map(|row| row.2).sum::<f64>();
+    if !(mean.is_finite() && mean > 0.0) {
+        return None;
+    }
+    let mut found = line(&rows);
+    for _ in 0..ROUNDS {
+        let [a, b] = found;
+        let again = |(hours, square, weight): &Row| {
+            // A line that begins at nothing would give its first row all the weight there is.
+            let fitted = (a * hours + b).max(1e-3 * mean);
+            (*hours, *square, weight / (fitted * fitted))
+        };
+        // Weights that were those of the runs, divided by what the line says there.
+        found = line(&rows.iter().map(again).collect::<Vec<Row>>());
+    }
+    Some(found)
+}
+
+/// Least squares with neither number below zero.
+fn line(rows: &[Row]) -> Growth {
+    let sum = |of: &dyn Fn(f64, f64) -> f64| rows.iter().map(|(h, y, w)| w * of(*h, *y)).sum::<f64>();
+    let (n, h, hh) = (sum(&|_, _| 1.0), sum(&|h, _| h), sum(&|h, _| h * h));
+    let (y, hy) = (sum(&|_, y| y), sum(&|h, y| h * y));
+    let free = n * hh - h * h;
+    let (a, b) = ((n * hy - h * y) / free, (hh * y - h * hy) / free);
+    if a >= 0.0 && b >= 0.0 && a.is_finite() && b.is_finite() {
+        return [a, b];
+    }
+    // On one of the two edges: the one that leaves less.
+    let (flat, steep) = (y / n, if hh > 0.0 { hy / hh } else { 0.0 });
+    let left = |[a, b]: Growth| sum(&|h, y| (y - a * h - b).powi(2));
+    let edges = [[0.0, flat], [steep, 0.0]];
+    if hh > 0.0 && left(edges[1]) < left(edges[0]) { edges[1] } else { edges[0] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn squares_on_a_line_give_the_line_and_neither_number_is_below_zero() {
+        let rows =
+            |of: fn(f64) -> f64| (0..100).map(move |h| (f64::from(h) / 10.0, of(f64::from(h) / 10.0), 1.0));
+        let [a, b] = growth(rows(|h| 0.9 * h + 1.1).collect()).unwrap();
+        assert!((a - 0.9).abs() < 1e-9 && (b - 1.1).abs() < 1e-9, "{a} {b}");
+        let [a, b] = growth(rows(|h| 3.0 - 0.2 * h).collect()).unwrap();
+        assert!(a == 0.0 && b > 1.0, "{a} {b}");
+        let [a, b] = growth(rows(|h| h * h).collect()).unwrap();
+        assert!(a > 1.0 && b == 0.0, "{a} {b}");
+        assert_eq!(growth(rows(|_| 0.0).collect()), None);
+    }
+}

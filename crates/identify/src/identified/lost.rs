@@ -1,0 +1,119 @@
+//! What takes the place of a sensor that is lost: its virtual sensor, or a model that does without it.
+
+use serde::Serialize;
+
+use super::alone::alone;
+use super::{Alone, TermFound, terms_of};
+use crate::campaign::Campaign;
+use crate::expected::{Expected, expected};
+use crate::learn::{Learned, Learner};
+use crate::method::{Method, Settings};
+use crate::region::Region;
+use crate::stand_in::StandIn;
+use crate::validate::{HeldOut, Means, leave_one_run_out};
+
+/// Runs are few: less of a difference means nothing.
+const CLEARLY: f64 = 1.05;
+
+/// The model that stands in where a sensor is lost.
+#[derive(Clone, Debug, Serialize)]
+pub struct Fallback {
+    /// The signal that is not there.
+    pub without: String,
+    /// The method's word.
+    pub method: &'static str,
+    /// Its terms; empty for a formula.
+    pub terms: Vec<TermFound>,
+    /// Where its inputs were; none where they are too many, or one never moved.
+    #[serde(rename = "envelope")]
+    pub region: Option<Region>,
+    /// The sensor that is left, with the time since machine start.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub alone: Option<Alone>,
+    /// What to expect of it.
+    pub expected: Option<Expected>,
+    /// Held out.
+    #[serde(flatten)]
+    pub means: Means,
+}
+
+impl Fallback {
+    /// The method, or what the sensor that is left goes with.
+    pub fn kind(&self) -> String {
+        match &self.alone {
+            Some(alone) => format!("{} alone, with the time since machine start", alone.signal),
+            None => self.method.to_owned(),
+        }
+    }
+}
+
+/// For the loss of each input, the best first.
+pub(super) fn fallbacks(
+    campaign: &Campaign<'_>,
+    learner: &dyn Learner,
+    settings: &Settings,
+    inputs: &[usize],
+    learned: &Learned,
+    held_out: &[HeldOut],
+) -> Result<Vec<Fallback>, String> {
+    let own = Settings { method: settings.method.stand_in(), ..settings.clone() };
+    let mut found = match own.method {
+        method if method == settings.method => without_each(campaign, learner, &own, inputs),
+        method => without_each(campaign, method.prepare(campaign, &own)?.as_ref(), &own, inputs),
+    };
+    if settings.method == Method::Difference {
+        found.extend(alone(campaign, learner.bank(), learned, held_out));
+    }
+    found.sort_by(|one, other| one.means.mean_range_um.total_cmp(&other.means.mean_range_um));
+    Ok(found)
+}
+
+/// A method that cannot do without a sensor has no stand-in for its loss.
+fn without_each(
+    campaign: &Campaign<'_>,
+    learner: &dyn Learner,
+    settings: &Settings,
+    inputs: &[usize],
+) -> Vec<Fallback> {
+    let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
+    let without = |lost: &usize| {
+        let learned = learner.learn(&runs, &[*lost]).ok()?;
+        let gains = learned.sum().filter(|gains| !gains.is_empty())?;
+        let held = leave_one_run_out(campaign, learner, settings, &[*lost], None, &|_, _| {}).ok()?;
+        Some(Fallback {
+            without: campaign.inputs[*lost].name.clone(),
+            method: settings.method.name(),
+            alone: None,
+            terms: terms_of(campaign, gains),
+            region: Region::of(campaign, learner.bank(), &learned.inputs()),
+            expected: expected(&held),
+            means: Means::of(held.iter().map(|held| &held.score)),
+        })
+    };
+    inputs.iter().filter_map(without).collect()
+}
+
+/// Where a sensor is lost, its virtual sensor takes its place if no model without it leaves clearly less; else that model does.
+pub(super) fn keep_the_better(stand_ins: &mut [StandIn], fallbacks: &mut Vec<Fallback>) {
+    for stand_in in stand_ins {
+        let is_for_it = |fallback: &Fallback| fallback.without == stand_in.signal;
+        let other = fallbacks.iter().find(|fallback| is_for_it(fallback));
+        stand_in.stands_in =
+            other.is_none_or(|other| stand_in.means.mean_range_um <= CLEARLY * other.means.mean_range_um);
+        if stand_in.stands_in {
+            fallbacks.retain(|fallback| !is_for_it(fallback));
+        }
+    }
+}
+
+/// Where a sensor is lost, neither the others nor a model without it make up for it.
+pub(super) fn irreplaceable(stand_ins: &[StandIn], fallbacks: &[Fallback], whole: &Means) -> Vec<String> {
+    const GROWS: f64 = 1.25;
+    let is_sensor = |fallback: &&Fallback| stand_ins.iter().any(|own| own.signal == fallback.without);
+    let lost = stand_ins.iter().filter(|stand_in| stand_in.stands_in);
+    let lost = lost.map(|stand_in| (&stand_in.signal, &stand_in.means));
+    let lost =
+        lost.chain(fallbacks.iter().filter(is_sensor).map(|fallback| (&fallback.without, &fallback.means)));
+    let grows = lost.filter(|(_, means)| means.mean_range_um > GROWS * whole.mean_range_um);
+    grows.map(|(signal, _)| signal.clone()).collect()
+}

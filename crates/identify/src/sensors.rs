@@ -1,0 +1,68 @@
+//! Which sensors to keep: one after the other, that one next whose rises leave least on runs that were left out.
+
+use std::time::Duration;
+
+use nalgebra::DVector;
+
+use crate::bank::{Bank, Rows};
+use crate::campaign::Campaign;
+use crate::products::{Fold, Products};
+use crate::solve::{Ridge, decades};
+use crate::statistics::{least_sum, smallest};
+
+/// What each sensor is looked at through: at once, 12 and 50 minutes.
+const LAGS: [Option<Duration>; 3] = [None, Some(Duration::from_mins(12)), Some(Duration::from_mins(50))];
+
+/// A forward search over whole sensors.
+#[derive(Debug)]
+pub(crate) struct Forward {
+    bank: Bank,
+    products: Products,
+}
+
+impl Forward {
+    pub(crate) fn new(campaign: &Campaign<'_>) -> Forward {
+        let bank = Bank::of_temperatures(campaign, &LAGS, Rows::WithError);
+        Forward { products: Products::of(&bank), bank }
+    }
+
+    /// At most so many sensors, in the order in which they came in: chosen on these runs alone.
+    pub(crate) fn path(&self, runs: &[usize], without: &[usize], most: usize) -> Vec<usize> {
+        let width = self.bank.candidates.len();
+        let every: Vec<usize> = (0..width).collect();
+        let mut folds = self.products.folds(runs, &every, &DVector::from_element(width, 1.0));
+        if runs.len() < 2 {
+            // One run alone is judged by itself.
+            folds.iter_mut().for_each(|fold| fold.training = fold.white.clone());
+        }
+        let mut chosen: Vec<usize> = Vec::new();
+        while chosen.len() < most {
+            let is_free = |input: &usize| {
+                !self.bank.is_speed[*input] && !chosen.contains(input) && !without.contains(input)
+            };
+            let free: Vec<usize> = (0..self.bank.is_speed.len()).filter(is_free).collect();
+            let costs: Vec<f64> = free
+                .iter()
+                .map(|input| self.left(&folds, &[chosen.as_slice(), &[*input]].concat()))
+                .collect();
+            if free.is_empty() {
+                break;
+            }
+            chosen.push(free[smallest(&costs)]);
+        }
+        chosen
+    }
+
+    fn left(&self, folds: &[Fold], inputs: &[usize]) -> f64 {
+        let candidates = self.bank.candidates.iter().enumerate();
+        let own = candidates.filter(|(_, candidate)| inputs.contains(&candidate.input));
+        let columns: Vec<usize> = own.map(|(column, _)| column).collect();
+        let penalties = decades(-3, 1, 1);
+        let costs = folds.iter().map(|fold| {
+            let ridge = Ridge::of(&fold.training.of_columns(&columns));
+            let plain = fold.plain.of_columns(&columns);
+            penalties.iter().map(|penalty| plain.left(&ridge.at(*penalty))).collect()
+        });
+        least_sum(costs).map_or(f64::MAX, |(_, left)| left)
+    }
+}

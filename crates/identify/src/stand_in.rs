@@ -1,0 +1,295 @@
+//! Virtual sensors: what the others say of one that is frozen, or lost.
+//!
+//! The rise of each sensor is predicted from the others through the usual lags, by the ridge on whitened rows. It is **stuck**
+//! where its reading has not changed for a while and the others say that it should have, by more than θ:
+//!
+//! ```text
+//! D(t) = |x̂(t) − x̂(s)|, s being when the reading last changed; 0 where that is less than 3 minutes ago
+//! θ    = max(0.05 °C, 2 × the second largest of the runs' largest D)      with fewer than four runs: the largest
+//! ```
+//!
+//! From then on its value is x̂ + (its last reading − x̂ then), through the model's own lags.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use crate::bank::{Bank, Candidate, Rows, Traced};
+use crate::campaign::Campaign;
+use crate::faults;
+use crate::folds::folds;
+use crate::gram::Gram;
+use crate::method::whitened::usual_lags;
+use crate::solve::{Ridge, decades};
+use crate::statistics::least_sum;
+use crate::validate::{HeldOut, Means, RunScore};
+use crate::whiten;
+
+mod frozen;
+
+pub use frozen::{Frozen, frozen};
+
+/// s: a reading that changed so lately is not stuck.
+const LATELY: f64 = 180.0;
+/// °C: less is noise.
+const LEAST: f64 = 0.05;
+/// How many times what was seen on good runs.
+const TIMES: f64 = 2.0;
+/// From so many runs on, the largest of them may be a fault of its own.
+const ENOUGH_RUNS: usize = 4;
+/// Where one run gives no validation.
+const UNCHOSEN: f64 = 0.3;
+
+/// What stands in for one sensor.
+#[derive(Clone, Debug, Serialize)]
+pub struct StandIn {
+    /// The signal.
+    pub signal: String,
+    /// θ, °C.
+    pub threshold: f64,
+    /// Its value may be used: nothing else leaves less where the sensor is lost.
+    pub stands_in: bool,
+    /// What each other sensor's rise counts: its name, time constant in s, °C per °C.
+    #[serde(skip)]
+    pub terms: Vec<(String, f64, f64)>,
+    /// Held out, with the sensor lost from the beginning of each run.
+    #[serde(flatten)]
+    pub means: Means,
+}
+
+impl StandIn {
+    /// As its part of the file.
+    pub(crate) fn file(&self) -> Value {
+        let term = |(signal, lag_s, gain): &(String, f64, f64)| json!({ "signal": signal, "lag_s": lag_s, "gain": gain });
+        let terms: Vec<Value> = self.terms.iter().map(term).collect();
+        json!({ "signal": self.signal, "threshold": self.threshold, "stands_in": self.stands_in, "terms": terms })
+    }
+}
+
+/// The other sensors, over every row: also those in which no error was measured.
+pub(crate) struct Others<'a> {
+    campaign: &'a Campaign<'a>,
+    bank: Bank,
+    white: Vec<Gram>,
+    /// The inputs that are temperatures.
+    sensors: Vec<usize>,
+}
+
+/// Candidates with their gains.
+type Gains = Vec<(Candidate, f64)>;
+
+impl<'a> Others<'a> {
+    pub(crate) fn new(campaign: &'a Campaign<'a>) -> Others<'a> {
+        let sensors: Vec<usize> =
+            (0..campaign.inputs.len()).filter(|input| !campaign.inputs[*input].is_speed()).collect();
+        let bank = Bank::of_temperatures(campaign, &usual_lags(), Rows::Every);
+        let gram = |run: &Traced| whiten::gram(&run.seconds, &run.rises, &DVector::zeros(run.seconds.len()));
+        Others { campaign, white: bank.runs_in_parallel(gram), bank, sensors }
+    }
+
+    /// The products of all columns but those of this sensor, with its own rise as the target.
+    fn products(&self, sensor: usize, columns: &[usize], runs: &[usize]) -> Gram {
+        let sum = Gram::sum(&self.white, runs);
+        let own = self.bank.plain(sensor).unwrap_or_default();
+        Gram {
+            square: DMatrix::from_fn(columns.len(), columns.len(), |i, j| {
+                sum.square[(columns[i], columns[j])]
+            }),
+            cross: DVector::from_fn(columns.len(), |i, _| sum.square[(columns[i], own)]),
+            power: sum.square[(own, own)],
+            rows: sum.rows,
+        }
+    }
+
+    /// What these runs say of a sensor.
+    fn learn(&self, sensor: usize, runs: &[usize]) -> Gains {
+        let candidates = self.bank.candidates.iter().enumerate();
+        let others = candidates.filter(|(_, candidate)| candidate.input != sensor);
+        let columns: Vec<usize> = others.map(|(column, _)| column).collect();
+        if columns.is_empty() || runs.is_empty() {
+            return Gains::new();
+        }
+        let all = self.products(sensor, &columns, runs);
+        let penalties = decades(-3, 1, 1);
+        let costs = folds(runs).into_iter().filter(|held| held.len() < runs.len()).map(|held| {
+            let held = self.products(sensor, &columns, &held);
+            let ridge = Ridge::of(&all.less(&held));
+            penalties.iter().map(|penalty| held.left(&ridge.at(*penalty))).collect()
+        });
+        let penalty = least_sum(costs).map_or(UNCHOSEN, |(place, _)| penalties[place]);
+        let gains = Ridge::of(&all).at(penalty);
+        columns.iter().map(|column| self.bank.candidates[*column]).zip(gains.iter().copied()).collect()
+    }
+
+    /// Its rise as the others have it, over every row of a run.
+    fn predicted(&self, gains: &Gains, run: usize) -> Vec<f64> {
+        let rises = &self.bank.runs[run].rises;
+        let mut sum = DVector::zeros(rises.nrows());
+        for (candidate, gain) in gains {
+            if let Some(column) = self.bank.column(candidate) {
+                sum.axpy(*gain, &rises.column(column), 1.0);
+            }
+        }
+        sum.data.into()
+    }
+
+    /// By row of a run: D.
+    fn apart(&self, sensor: usize, gains: &Gains, run: usize) -> Vec<f64> {
+        let seconds = &self.bank.runs[run].seconds;
+        apart(seconds, &self.predicted(gains, run), &self.changed(sensor, run))
+    }
+
+    /// By row of a run: when the reading changed last, s.
+    fn changed(&self, sensor: usize, run: usize) -> Vec<f64> {
+        let recorded = &self.campaign.dataset.runs[run];
+        let values = &recorded.values[self.campaign.inputs[sensor].column];
+        let mut rows = recorded.seconds().zip(values).filter(|(_, value)| value.is_finite()).peekable();
+        let (mut last, mut changed) = (f64::NAN, f64::NEG_INFINITY);
+        let mut until = |second: f64| {
+            while let Some((at, value)) = rows.next_if(|(at, _)| *at <= second) {
+                if value.to_bits() != last.to_bits() {
+                    (last, changed) = (*value, at);
+                }
+            }
+            changed
+        };
+        self.bank.runs[run].seconds.iter().map(|second| until(*second)).collect()
+    }
+
+    /// θ of a sensor, each run predicted by fits that did not see it.
+    fn threshold(&self, sensor: usize, runs: &[usize]) -> f64 {
+        let mut largest: Vec<f64> = Vec::new();
+        for held in folds(runs) {
+            let others: Vec<usize> = runs.iter().copied().filter(|run| !held.contains(run)).collect();
+            let gains = self.learn(sensor, if others.is_empty() { runs } else { &others });
+            let most = |run: &usize| self.apart(sensor, &gains, *run).into_iter().fold(0.0, f64::max);
+            largest.extend(held.iter().map(most));
+        }
+        largest.sort_by(|one, other| other.total_cmp(one));
+        let seen = if runs.len() < ENOUGH_RUNS { largest.first() } else { largest.get(1) };
+        (TIMES * seen.copied().unwrap_or_default()).max(LEAST)
+    }
+
+    /// What Cz changes by, over every row of a run, where a sensor's rise is another by so much.
+    fn changes(&self, sensor: usize, learned: &[(Candidate, f64)], run: usize, other: &[f64]) -> Vec<f64> {
+        let seconds = &self.bank.runs[run].seconds;
+        let mut cz = vec![0.0; seconds.len()];
+        for (candidate, gain) in learned.iter().filter(|(candidate, _)| candidate.input == sensor) {
+            let lag = candidate.lag.map_or(0.0, |lag| lag.as_secs_f64());
+            let late = lagged(seconds, other, lag);
+            cz.iter_mut().zip(late).for_each(|(cz, late)| *cz += gain * late);
+        }
+        cz
+    }
+
+    /// A held-out run where what is left is another by this Cz, over every row.
+    fn score(&self, held: &HeldOut, run: usize, cz: &[f64]) -> RunScore {
+        let has_error = |(cz, target): (&f64, &f64)| target.is_finite().then_some(*cz);
+        let change = cz.iter().zip(&self.bank.runs[run].target).filter_map(has_error);
+        let left: Vec<f64> =
+            held.residual(None).iter().zip(change).map(|(left, change)| left + change).collect();
+        RunScore::new(&held.score.name, &held.error, &left)
+    }
+
+    fn rise(&self, sensor: usize, run: usize) -> Vec<f64> {
+        let column = self.bank.plain(sensor).unwrap_or_default();
+        self.bank.runs[run].rises.column(column).iter().copied().collect()
+    }
+
+    /// How each held-out run fares where the sensor is lost from its beginning.
+    fn lost(&self, sensor: usize, held_out: &[HeldOut]) -> Means {
+        let all = 0..held_out.len();
+        let score = |(out, held): (usize, &HeldOut)| {
+            let others: Vec<usize> = all.clone().filter(|run| *run != out).collect();
+            let predicted = self.predicted(&self.learn(sensor, &others), out);
+            let other: Vec<f64> =
+                predicted.iter().zip(self.rise(sensor, out)).map(|(other, own)| other - own).collect();
+            let learned = held.learned.sum().unwrap_or_default();
+            self.score(held, out, &self.changes(sensor, learned, out, &other))
+        };
+        let scores: Vec<RunScore> = held_out.par_iter().enumerate().map(score).collect();
+        Means::of(&scores)
+    }
+}
+
+/// What stands in for each of these sensors of a model that was held out.
+pub(crate) fn stand_ins(campaign: &Campaign<'_>, inputs: &[usize], held_out: &[HeldOut]) -> Vec<StandIn> {
+    let others = Others::new(campaign);
+    let all: Vec<usize> = (0..campaign.dataset.runs.len()).collect();
+    let one = |sensor: &&usize| {
+        let terms = others.learn(**sensor, &all).into_iter().map(|(candidate, gain)| {
+            let lag = candidate.lag.map_or(0.0, |lag| lag.as_secs_f64());
+            (campaign.inputs[candidate.input].name.clone(), lag, gain)
+        });
+        StandIn {
+            signal: campaign.inputs[**sensor].name.clone(),
+            threshold: others.threshold(**sensor, &all),
+            stands_in: true,
+            terms: terms.collect(),
+            means: others.lost(**sensor, held_out),
+        }
+    };
+    let sensors: Vec<&usize> = inputs.iter().filter(|input| others.sensors.contains(input)).collect();
+    if others.sensors.len() < 2 { Vec::new() } else { sensors.iter().map(one).collect() }
+}
+
+/// Where the test speaks on the runs that are learnt from.
+pub(crate) fn frozen_in(campaign: &Campaign<'_>) -> Vec<faults::Frozen> {
+    let others = Others::new(campaign);
+    let all: Vec<usize> = (0..campaign.dataset.runs.len()).collect();
+    if others.sensors.len() < 2 || all.len() < ENOUGH_RUNS {
+        return Vec::new();
+    }
+    let of_sensor = |sensor: &usize| {
+        let (threshold, gains) = (others.threshold(*sensor, &all), others.learn(*sensor, &all));
+        let column = campaign.inputs[*sensor].column;
+        let of_run = |run: &usize| {
+            let (apart, changed) = (others.apart(*sensor, &gains, *run), others.changed(*sensor, *run));
+            let seconds = &others.bank.runs[*run].seconds;
+            let first = apart.iter().position(|apart| *apart > threshold)?;
+            let from = changed[first];
+            let rows = (first..seconds.len()).take_while(|row| changed[*row].to_bits() == from.to_bits());
+            let last = rows.last().unwrap_or(first);
+            let missed = apart[first..=last].iter().copied().fold(0.0, f64::max);
+            // Its last row is frozen, too.
+            let to = seconds.get(last + 1).map_or(f64::INFINITY, |next| *next);
+            Some(faults::Frozen { column, run: *run, from, to: to.min(seconds[last] + 60.0), missed })
+        };
+        all.iter().filter_map(of_run).collect::<Vec<_>>()
+    };
+    others.sensors.par_iter().flat_map_iter(of_sensor).collect()
+}
+
+/// D over rows.
+fn apart(seconds: &[f64], predicted: &[f64], changed: &[f64]) -> Vec<f64> {
+    let then = |changed: f64| seconds.partition_point(|second| *second <= changed).saturating_sub(1);
+    let rows = seconds.iter().zip(predicted).zip(changed);
+    rows.map(|((second, now), changed)| match second - changed < LATELY {
+        true => 0.0,
+        false => (now - predicted[then(*changed)]).abs(),
+    })
+    .collect()
+}
+
+/// What follows these values late: at rest at zero before, and exact for straight lines between rows.
+fn lagged(seconds: &[f64], values: &[f64], constant: f64) -> Vec<f64> {
+    if constant <= 0.0 {
+        return values.to_vec();
+    }
+    let mut follower = 0.0;
+    let mut before: Option<(f64, f64)> = None;
+    let rows = seconds.iter().zip(values);
+    rows.map(|(second, value)| {
+        if let Some((then, last)) = before {
+            let share = (second - then) / constant;
+            if share > 0.0 {
+                let gone = -(-share).exp_m1();
+                follower += gone * (last - follower) + (1.0 - gone / share) * (value - last);
+            }
+        }
+        before = Some((*second, *value));
+        follower
+    })
+    .collect()
+}

@@ -1,0 +1,56 @@
+//! Which columns of a log each verb computes with, by their names: the others are not read.
+
+use crate::ambient::is_named_for_the_air;
+use crate::applied::Applied;
+use crate::dataset::{Kind, Units};
+use crate::drift::is_feed;
+use crate::setup::{Choice, units};
+use isotherm_profile::Profile;
+
+/// Of `identify`: the signals of the profile, the error, the Cz that acted on it; and what tells how the machine was used.
+pub fn of_identify<'a>(
+    profile: &'a Profile,
+    choice: &'a Choice,
+    applied: &'a Applied,
+) -> impl Fn(&str) -> bool + 'a {
+    let error = choice.error_column(profile);
+    move |name| {
+        profile.signals.iter().any(|signal| signal.name == name)
+            || name == error
+            || applied.names(name)
+            || is_named_for_the_air(name)
+            || matches!(Kind::of_name(name, units(profile)(name)), Some(Kind::Speed | Kind::Position))
+    }
+}
+
+/// Of `select`: the points, which without `choice.inputs` are whatever may be a temperature, the error, the Cz that acted on
+/// it, and speeds.
+pub fn of_select<'a>(choice: &'a Choice, applied: &'a Applied) -> impl Fn(&str) -> bool + 'a {
+    move |name| {
+        let is_named = |names: &[String]| names.iter().any(|known| known == name);
+        let is_point = match (choice.inputs.as_slice(), Kind::of_name(name, None)) {
+            (_, Some(Kind::Speed)) => true,
+            ([], kind) => kind.is_none_or(|kind| kind == Kind::Temperature),
+            (inputs, _) => is_named(inputs),
+        };
+        is_point
+            || choice.error.as_deref() == Some(name)
+            || applied.names(name)
+            || is_named(&choice.without)
+            || is_named(&choice.keep)
+    }
+}
+
+/// Of `report`: displacements, temperatures, and what turns or moves; not loads, pressures and switches.
+pub fn of_report<'a>(
+    displacements: &'a [String],
+    applied: &'a Applied,
+    units: Units<'a>,
+) -> impl Fn(&str) -> bool + 'a {
+    move |name| {
+        !matches!(Kind::of_name(name, units(name)), Some(Kind::Other | Kind::Switch))
+            || is_feed(name, units(name))
+            || displacements.iter().any(|known| known == name)
+            || applied.names(name)
+    }
+}

@@ -1,0 +1,82 @@
+//! Whitening: what a model leaves on a run is a slow walk, and neighbouring minutes say nearly the same.
+//!
+//! Least squares on minute rows fits the level of each run's walk. Each column and the target are replaced by the innovations
+//! of a scalar Kalman filter (local level), which is generalised least squares for such a walk:
+//!
+//! ```text
+//! P += q·Δt      F = P + r      z' = (z − m) / √F      K = P / F      m += K·(z − m)      P *= 1 − K
+//! ```
+//!
+//! with m = P = 0 at the first row, the walk's variance q = 1 an hour and that of a minute row r = 1. P, F and K do not
+//! depend on the data. A gap in the rows only lets P grow.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::gram::Gram;
+
+/// Variance of the walk in an hour, where that of a minute row is 1.
+const WALK_PER_HOUR: f64 = 1.0;
+
+/// By row: the gain K, and √F.
+fn steps(seconds: &[f64]) -> Vec<(f64, f64)> {
+    let mut variance = 0.0;
+    let mut last = seconds.first().copied().unwrap_or_default();
+    let mut step = |second: &f64| {
+        let passed = (second - last).max(0.0);
+        last = *second;
+        variance += WALK_PER_HOUR * passed / 3600.0;
+        // A row denser than a minute has the more noise of its own; one that stands for longer is taken as it is.
+        let noise = if passed > 0.0 { (60.0 / passed).max(1.0) } else { 1.0 };
+        let innovation = variance + noise;
+        let gain = variance / innovation;
+        variance *= 1.0 - gain;
+        (gain, innovation.sqrt())
+    };
+    seconds.iter().map(&mut step).collect()
+}
+
+fn whiten(values: &mut [f64], steps: &[(f64, f64)]) {
+    let mut level = 0.0;
+    for (value, (gain, scale)) in values.iter_mut().zip(steps) {
+        let surprise = *value - level;
+        level += gain * surprise;
+        *value = surprise / scale;
+    }
+}
+
+/// The products of a run's whitened rows: the seconds of its rows, their columns and their target.
+pub(crate) fn gram(seconds: &[f64], rises: &DMatrix<f64>, target: &DVector<f64>) -> Gram {
+    let steps = steps(seconds);
+    let mut rises = rises.clone();
+    rises.column_iter_mut().for_each(|mut column| whiten(column.as_mut_slice(), &steps));
+    let mut target = target.clone();
+    whiten(target.as_mut_slice(), &steps);
+    Gram::of(&rises, &target)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_walk_becomes_white_and_white_noise_nearly_stays() {
+        let minutes: Vec<f64> = (0..4).map(|minute| f64::from(minute) * 60.0).collect();
+        // By hand: P = 0, 1/60, …
+        let steps = steps(&minutes);
+        assert_eq!(steps[0], (0.0, 1.0));
+        let first = 1.0 / 60.0;
+        assert!((steps[1].0 - first / (first + 1.0)).abs() < 1e-15);
+        assert!((steps[1].1 - (first + 1.0).sqrt()).abs() < 1e-15);
+        let second = first * (1.0 - steps[1].0) + first;
+        assert!((steps[2].0 - second / (second + 1.0)).abs() < 1e-15);
+        let mut values = vec![0.0, 1.0, 1.0, 1.0];
+        whiten(&mut values, &steps);
+        assert!(values[0] == 0.0 && values[1] > values[2] && values[2] > values[3], "{values:?}");
+    }
+
+    #[test]
+    fn after_a_gap_a_row_tells_the_new_level() {
+        let steps = steps(&[0.0, 60.0, 36_000.0]);
+        assert!(steps[2].0 > 0.9, "{steps:?}");
+    }
+}

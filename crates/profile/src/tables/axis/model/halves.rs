@@ -1,0 +1,81 @@
+//! `halves` of a model: the two sums whose mean it is, so that it can say how far they are apart outside its envelope.
+//!
+//! ```json
+//! { "format": "isotherm-halves", "version": 1,
+//!   "terms": [{ "signal": "bed", "lag_s": 360, "ridge": 1.9, "net": 2.3 }, …] }
+//! ```
+//! In the order of the model's terms. The mean of `ridge` and `net` is the model's gain: halves of another model show.
+
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+
+use super::effect::figure;
+use super::file::{bytes, read, taken};
+use crate::duration::shown;
+use crate::tables::At;
+use isotherm_core::compensation::model::{Model, Term};
+
+/// How near the mean of two halves comes to the gain, as a share of the larger half.
+const NEAR: f64 = 1e-6;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct HalvesFile {
+    #[serde(rename = "format")]
+    _format: IgnoredAny,
+    #[serde(rename = "version")]
+    _version: IgnoredAny,
+    terms: Vec<HalfTerm>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct HalfTerm {
+    signal: String,
+    lag_s: f64,
+    ridge: f64,
+    net: f64,
+}
+
+/// By term of the model, what the gains of its halves differ by.
+pub(super) fn resolve(at: &At<'_>, name: &str, model: &Model) -> Option<Vec<f64>> {
+    let bytes = bytes(at, name)?;
+    let file: HalvesFile = taken(at, name, read(&bytes, "isotherm-halves"))?;
+    let apart = file.of(model.sum(), &at.check.signals.names);
+    taken(at, name, apart)
+}
+
+impl HalvesFile {
+    fn of(&self, terms: &[Term], names: &[String]) -> Result<Vec<f64>, String> {
+        if terms.is_empty() {
+            return Err("only a linear model without a slope has halves: remove `halves`".to_owned());
+        }
+        if self.terms.len() != terms.len() {
+            let (own, of_model) = (self.terms.len(), terms.len());
+            return Err(format!("these halves belong to another model: {own} terms here, {of_model} there"));
+        }
+        let one = |((place, half), term): ((usize, &HalfTerm), &Term)| {
+            half.of(term, &names[term.input.signal.0]).map_err(|why| {
+                format!("these halves belong to another model: its term {} is {why}", place + 1)
+            })
+        };
+        self.terms.iter().enumerate().zip(terms).map(one).collect()
+    }
+}
+
+impl HalfTerm {
+    fn of(&self, term: &Term, name: &str) -> Result<f64, String> {
+        let lag = term.input.lag.unwrap_or_default();
+        if self.signal != name || (self.lag_s - lag.as_secs_f64()).abs() > 1e-3 {
+            let (signal, lag_s) = (&self.signal, figure(self.lag_s));
+            return Err(format!("{name} with a lag of {}, and {signal} with {lag_s} s here", shown(lag)));
+        }
+        let (mean, gain) = (f64::midpoint(self.ridge, self.net), term.gain.get());
+        if (mean - gain).abs() > NEAR * self.ridge.abs().max(self.net.abs()) {
+            let (gain, mean) = (figure(gain), figure(mean));
+            return Err(format!("{name} with a gain of {gain}, and the mean of the halves is {mean} here"));
+        }
+        let apart = self.ridge - self.net;
+        apart.is_finite().then_some(apart).ok_or_else(|| format!("{name}, whose halves are too far apart"))
+    }
+}

@@ -1,0 +1,132 @@
+//! `stand_ins` of a model: what the other sensors say of each sensor, for the stuck test and for lost sensors.
+//!
+//! ```json
+//! { "format": "isotherm-stand-ins", "version": 1, "sensors": [
+//!   { "signal": "bed", "threshold": 0.31, "stands_in": true,
+//!     "terms": [{ "signal": "column", "lag_s": 0, "gain": 0.42 }, …] }, … ] }
+//! ```
+//! The rise of a sensor since machine start is the sum of its terms, °C per °C of the lagged rises of others. Where it
+//! moves by more than `threshold` (°C) while the sensor reads the same, the sensor is frozen.
+
+use std::time::Duration;
+
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+
+use super::file::{bytes, read, taken};
+use super::inputs::LONGEST_LAG;
+use crate::Profile;
+use crate::error::allowed;
+use crate::tables::At;
+use isotherm_core::compensation::model::StandIns;
+use isotherm_core::compensation::model::stand_ins::Described;
+use isotherm_core::reading::SignalId;
+
+/// Most sensors of a file, and most terms of a sensor: a minute of them is computed in a step.
+const MOST_SENSORS: usize = 128;
+const MOST_TERMS: usize = 1024;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StandInsFile {
+    #[serde(rename = "format")]
+    _format: IgnoredAny,
+    #[serde(rename = "version")]
+    _version: IgnoredAny,
+    sensors: Vec<SensorOfFile>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SensorOfFile {
+    signal: String,
+    threshold: f64,
+    stands_in: bool,
+    terms: Vec<TermOfFile>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TermOfFile {
+    signal: String,
+    lag_s: f64,
+    gain: f64,
+}
+
+/// The stand-ins in the file that is named here.
+pub(super) fn resolve(at: &At<'_>, name: &str) -> Option<StandIns> {
+    let bytes = bytes(at, name)?;
+    let file: StandInsFile = taken(at, name, read(&bytes, "isotherm-stand-ins"))?;
+    let described = file.described(&at.check.signals.names);
+    Some(StandIns::new(taken(at, name, described)?, fingerprint(&bytes)))
+}
+
+impl StandInsFile {
+    fn described(&self, names: &[String]) -> Result<Vec<Described>, String> {
+        if self.sensors.is_empty() || self.sensors.len() > MOST_SENSORS {
+            return Err(format!("it has {} sensors; 1 to {MOST_SENSORS} are allowed", self.sensors.len()));
+        }
+        for (place, sensor) in self.sensors.iter().enumerate() {
+            if self.sensors.iter().take(place).any(|other| other.signal == sensor.signal) {
+                return Err(format!("{} is in it twice", sensor.signal));
+            }
+        }
+        self.sensors.iter().map(|sensor| sensor.described(names)).collect()
+    }
+}
+
+impl SensorOfFile {
+    fn described(&self, names: &[String]) -> Result<Described, String> {
+        let (own, count) = (&self.signal, self.terms.len());
+        let signal = place(own, names)?;
+        if !(self.threshold > 0.0 && self.threshold.is_finite()) {
+            return Err(format!("{own}: its threshold must be above 0 °C"));
+        }
+        if count == 0 || count > MOST_TERMS {
+            return Err(format!("{own}: it has {count} terms; 1 to {MOST_TERMS} are allowed"));
+        }
+        let term = |term: &TermOfFile| {
+            if term.signal == *own {
+                return Err(format!("{own}: it cannot stand in for itself"));
+            }
+            if !(0.0..=LONGEST_LAG.as_secs_f64()).contains(&term.lag_s) {
+                return Err(format!("{own}: a lag of {} s is not between 0 and a week", term.lag_s));
+            }
+            let lag = Duration::from_secs_f64(term.lag_s);
+            Ok(Described::term(place(&term.signal, names)?, (!lag.is_zero()).then_some(lag), term.gain))
+        };
+        let terms = self.terms.iter().map(term).collect::<Result<_, String>>()?;
+        Ok(Described { signal, threshold: self.threshold, stands_in: self.stands_in, terms })
+    }
+}
+
+fn place(name: &str, names: &[String]) -> Result<SignalId, String> {
+    let found = names.iter().position(|known| known == name).map(SignalId);
+    found.ok_or_else(|| {
+        format!("the profile has no signal `{name}`; {}", allowed(name, names.iter().map(String::as_str)))
+    })
+}
+
+/// FNV-1a of 64 bits, by Fowler, Noll and Vo: tells a file from another one, and no more.
+fn fingerprint(bytes: &[u8]) -> u64 {
+    bytes
+        .iter()
+        .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
+}
+
+/// Which sensors are watched, and for which of them others stand in.
+pub(super) fn preview(profile: &Profile, stand_ins: &StandIns) -> String {
+    let named = |wanted: bool| -> Vec<&str> {
+        let found = stand_ins.watched().filter(|(_, stands_in)| *stands_in == wanted);
+        found.map(|(signal, _)| profile.signal(signal).name.as_str()).collect()
+    };
+    let (with, without) = (named(true), named(false));
+    let mut text = format!("{} sensors are watched for standing still", with.len() + without.len());
+    if !with.is_empty() {
+        text += &format!("; others stand in for {}", with.join(", "));
+    }
+    if !without.is_empty() {
+        text += &format!("; nobody can for {}", without.join(", "));
+    }
+    text
+}

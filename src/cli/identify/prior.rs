@@ -1,0 +1,54 @@
+//! `--prior MODEL.toml`: the terms of a model that exists, as `--write` or a profile has them.
+
+use std::path::Path;
+
+use anyhow::{Context, anyhow};
+use serde::Deserialize;
+
+use isotherm_identify::method::PriorTerm;
+
+#[derive(Deserialize)]
+struct File {
+    axis: std::collections::BTreeMap<String, Axis>,
+}
+
+#[derive(Deserialize)]
+struct Axis {
+    #[serde(default)]
+    model: Vec<Model>,
+}
+
+#[derive(Deserialize)]
+struct Model {
+    #[serde(default)]
+    terms: Vec<Term>,
+}
+
+#[derive(Deserialize)]
+struct Term {
+    signal: String,
+    gain: f64,
+    lag: Option<String>,
+    power: Option<u8>,
+}
+
+/// The terms of the first model of this axis that has some; of the only axis where none is named.
+pub(super) fn terms(path: &Path, axis: Option<&str>) -> anyhow::Result<Vec<PriorTerm>> {
+    let shown = path.display();
+    let text = std::fs::read_to_string(path).with_context(|| format!("{shown} cannot be read"))?;
+    let file: File = toml::from_str(&text)
+        .map_err(|why| anyhow!("{shown} has no [[axis.…model]] with terms of `signal` and `gain`: {why}"))?;
+    let named = file.axis.iter().filter(|(name, _)| axis.is_none_or(|axis| axis == name.as_str()));
+    let found = named.flat_map(|(_, axis)| &axis.model).find(|model| !model.terms.is_empty());
+    let model = found.ok_or_else(|| {
+        let axis = axis.map_or_else(|| "an axis".to_owned(), |axis| format!("axis {axis}"));
+        anyhow!("{shown} has no linear model of {axis}; --prior wants one that was written with --write")
+    })?;
+    let term = |term: &Term| {
+        let lag = term.lag.as_deref().map(humantime::parse_duration).transpose();
+        let lag = lag.with_context(|| format!("{shown}: the lag of {} is no time", term.signal))?;
+        let squared = term.power == Some(2);
+        Ok(PriorTerm { signal: term.signal.clone(), lag, squared, gain: term.gain })
+    };
+    model.terms.iter().map(term).collect()
+}

@@ -1,0 +1,254 @@
+//! What `whitened` does on machines whose truth is known.
+
+use std::time::Duration;
+
+use isotherm_core::compensation::model::Outside;
+use isotherm_identify::method::{Method, Settings};
+use isotherm_identify::setup::{Choice, ready};
+use isotherm_identify::stand_in::{Frozen, frozen};
+use isotherm_identify::written::written;
+use isotherm_identify::{Identified, identify};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+use super::rig::{self, Day, Machine, Part, dataset, found};
+
+/// Four sensors, of which two count, one of them late.
+fn machine() -> Machine {
+    let parts =
+        [Part { sensor: 0, gain: 3.0, constant: 1500.0 }, Part { sensor: 2, gain: -1.5, constant: 0.0 }];
+    Machine { sensors: 4, parts: parts.to_vec(), step: 60.0, rows: 420, noise: 0.1 }
+}
+
+/// What no temperature tells: a walk of so many µm²/h.
+fn with_walk(mut day: Day, seed: u64, per_hour: f64) -> Day {
+    let mut chance = Pcg64Mcg::seed_from_u64(7_000 + seed);
+    let mut normal = || (0..12).map(|_| chance.random_range(-0.5..0.5)).sum::<f64>();
+    let step = (per_hour * (day.times[1] - day.times[0]) / 3600.0).sqrt();
+    let mut walk = 0.0;
+    for error in &mut day.error {
+        walk += step * normal();
+        *error += walk;
+    }
+    day
+}
+
+fn days(count: u64, seed: u64, per_hour: f64) -> Vec<Day> {
+    (0..count).map(|day| with_walk(machine().day(100 * seed + day), 100 * seed + day, per_hour)).collect()
+}
+
+fn logs(days: &[Day]) -> Vec<String> {
+    days.iter().map(Day::log).collect()
+}
+
+fn by(method: Method) -> Settings {
+    Settings { method, ..Settings::default() }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+#[test]
+fn where_what_is_left_walks_whitened_rows_leave_less_than_minute_rows_do() {
+    let left = |method: Method| {
+        let each = (0..6).map(|seed| found(4, &logs(&days(5, seed, 4.0)), &by(method)).means.mean_rmse_um);
+        mean(&each.collect::<Vec<f64>>())
+    };
+    let (whitened, ridge, sparse) = (left(Method::Whitened), left(Method::RidgeLag), left(Method::SparseLag));
+    assert!(whitened < 0.95 * ridge && whitened < 0.95 * sparse, "{whitened} {ridge} {sparse}");
+}
+
+#[test]
+fn one_run_is_learnt_from_with_seven_tenths_and_told_what_that_is_worth() {
+    let day = logs(&days(1, 3, 0.0));
+    let alone = found(4, &day, &Settings::default());
+    let twice = found(4, &[day[0].clone(), day[0].clone()], &Settings::default());
+    for (one, both) in alone.terms.iter().zip(&twice.terms) {
+        // The same run twice has the same products, and so the same ridge but for the share.
+        assert!((one.gain - 0.7 * both.gain).abs() < 1e-9, "{one:?} {both:?}");
+    }
+    assert!(alone.runs.is_empty() && alone.expected.is_none() && alone.means.mean_range_um.is_nan());
+    let told =
+        |found: &Identified, word: &str| found.notes.remarks.iter().any(|remark| remark.contains(word));
+    assert!(told(&alone, "nothing could be held out"), "{:?}", alone.notes.remarks);
+    assert!(told(&alone, "one in four left a later run worse"));
+    assert!(told(&twice, "Record a third day"));
+    assert!(!told(&found(4, &logs(&days(3, 3, 0.0)), &Settings::default()), "Record"));
+}
+
+#[test]
+fn a_speed_and_its_square_are_taken_where_the_logs_have_them_and_a_model_without_stands_in() {
+    // What warms with the square of the speed, and no sensor sees.
+    let text = |day: &Day, seed: u64| {
+        let mut chance = Pcg64Mcg::seed_from_u64(seed);
+        let speeds: Vec<f64> = (0..6).map(|_| f64::from(chance.random_range(0..6)) * 1000.0).collect();
+        let mut warm = 0.0;
+        let mut text = "time,s0,s1,s2,s3,rpm,z_error_um\n".to_owned();
+        for (row, time) in day.times.iter().enumerate() {
+            let speed = if row < 5 { 0.0 } else { speeds[row * 6 / day.times.len()] };
+            warm += (1.0 - (-60.0_f64 / 1500.0).exp()) * (1e-6 * speed * speed - warm);
+            let sensors: Vec<String> = day.temperatures.iter().map(|own| own[row].to_string()).collect();
+            text += &format!("{time},{},{speed},{}\n", sensors.join(","), day.error[row] + warm);
+        }
+        text
+    };
+    let logs: Vec<String> = days(5, 9, 0.2).iter().zip(0..).map(|(day, seed)| text(day, seed)).collect();
+    let dataset = dataset(&logs).unwrap();
+    let with_speed = "[signal.rpm]\ndevice = \"m\"\nregister = \"input:90\"\ntype = \"u16\"\nunit = \"rpm\"\nmax_age = \"5s\"\n";
+    let text =
+        |model: &str| rig::profile_with(4, model).replacen("[axis.z]", &format!("{with_speed}[axis.z]"), 1);
+    let profile = rig::parsed(std::path::Path::new("bench.toml"), &text(rig::NO_MODEL));
+    let of = |speeds: bool| {
+        let choice = Choice { speeds, ..rig::choice() };
+        let ready = ready(&profile, &dataset, &choice).unwrap();
+        identify(&ready, &Settings::default(), None, true, &|_, _| {}).unwrap()
+    };
+    let (without, with) = (of(false), of(true));
+    assert!(
+        with.means.mean_range_um < 0.3 * without.means.mean_range_um,
+        "{:?} {:?}",
+        with.means,
+        without.means
+    );
+    let lost = with.fallbacks.iter().find(|fallback| fallback.without == "rpm").unwrap();
+    assert!(lost.terms.iter().all(|term| term.signal != "rpm"));
+    assert!((lost.means.mean_range_um - without.means.mean_range_um).abs() < 1e-9);
+    let block = written(&with, "z", Outside::Agree);
+    let line = block.block.lines().find(|line| line.contains("power = 2")).unwrap();
+    assert!(
+        line.contains("signal = \"rpm\", power = 2, gain = ") && line.contains("reference = 0.0, lag = "),
+        "{line}"
+    );
+    pasted(&text(&block.block), &block.files);
+}
+
+fn pasted(text: &str, files: &[(String, String)]) -> isotherm_profile::Profile {
+    let directory = tempfile::tempdir().unwrap();
+    for (name, content) in files {
+        std::fs::write(directory.path().join(name), content).unwrap();
+    }
+    let path = directory.path().join("pasted.toml");
+    std::fs::write(&path, text).unwrap();
+    isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}\n{text}")).profile
+}
+
+#[test]
+fn the_block_names_its_halves_its_stand_ins_and_what_to_expect_and_a_profile_takes_them() {
+    let found = found(4, &logs(&days(4, 11, 1.0)), &Settings::default());
+    let block = written(&found, "z", Outside::Agree);
+    let files: Vec<&str> = block.files.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(files[..3], ["z.halves.json", "z.stand-ins.json", "z.envelope.json"], "{files:?}");
+    for key in
+        ["halves = \"z.halves.json\"", "stand_ins = \"z.stand-ins.json\"", "expected = { since_datum = ["]
+    {
+        assert!(block.block.contains(key), "{}", block.block);
+    }
+    pasted(&rig::profile_with(4, &block.block), &block.files);
+}
+
+#[test]
+fn what_to_expect_grows_as_the_walk_does_and_holds_two_rows_of_three() {
+    let found = found(4, &logs(&days(12, 13, 4.0)), &Settings::default());
+    let [a, b] = found.expected.unwrap().since_datum;
+    assert!((2.0..9.0).contains(&(a + b)), "4 µm² after an hour, and what the model adds: {a} {b}");
+    let inside: Vec<f64> = found.runs.iter().map(|run| run.expected_um.unwrap().inside_1).collect();
+    assert!((0.5..0.85).contains(&mean(&inside)), "{inside:?}");
+    let inside: Vec<f64> = found.runs.iter().map(|run| run.expected_um.unwrap().inside_2).collect();
+    assert!(mean(&inside) > 0.85, "{inside:?}");
+    assert!((2.0..8.0).contains(&found.probe_q.unwrap()), "{:?}", found.probe_q);
+}
+
+#[test]
+fn few_sensors_are_those_that_count() {
+    let settings = Settings { sensors: Some(2), ..Settings::default() };
+    let found = found(4, &logs(&days(5, 17, 0.2)), &settings);
+    let mut sensors: Vec<&str> = found.terms.iter().map(|term| term.signal.as_str()).collect();
+    sensors.sort_unstable();
+    sensors.dedup();
+    assert_eq!(sensors, ["s0", "s2"]);
+    let ranges: Vec<f64> = found.by_sensors.iter().map(|row| row.means.mean_range_um).collect();
+    assert_eq!(ranges.len(), 5, "none to four");
+    assert!(ranges[2] < ranges[1] && ranges[1] < ranges[0], "{ranges:?}");
+}
+
+/// s0 and s1 see the same source, s2 one of its own.
+fn alike(count: u64) -> Vec<String> {
+    let mut all = days(count, 19, 0.2);
+    for (place, day) in all.iter_mut().enumerate() {
+        let mut chance = Pcg64Mcg::seed_from_u64(place as u64);
+        day.temperatures[1] =
+            day.temperatures[0].iter().map(|value| 0.8 * value + chance.random_range(-0.01..0.01)).collect();
+        day.temperatures[3] =
+            day.temperatures[0].iter().map(|value| 1.1 * value + chance.random_range(-0.01..0.01)).collect();
+    }
+    logs(&all)
+}
+
+#[test]
+fn a_sensor_that_others_resemble_is_stood_in_for_and_one_of_which_none_tells_is_named() {
+    let found = found(4, &alike(5), &Settings::default());
+    let of = |signal: &str| found.stand_ins.iter().find(|own| own.signal == signal).unwrap();
+    assert!(
+        of("s0").stands_in && of("s0").means.mean_range_um < 1.2 * found.means.mean_range_um,
+        "{:?}",
+        of("s0")
+    );
+    assert!(found.irreplaceable.contains(&"s2".to_owned()), "{:?}", found.irreplaceable);
+    assert!(!found.irreplaceable.contains(&"s0".to_owned()), "{:?}", found.irreplaceable);
+    assert!(
+        found.fallbacks.iter().all(|fallback| found
+            .stand_ins
+            .iter()
+            .any(|own| own.signal == fallback.without && !own.stands_in))
+    );
+}
+
+#[test]
+fn a_frozen_sensor_is_noticed_and_costs_little_where_others_resemble_it_and_a_good_one_gives_no_alarm() {
+    let logs = alike(6);
+    let dataset = dataset(&logs).unwrap();
+    let ready = ready(&rig::profile(4), &dataset, &rig::choice()).unwrap();
+    let found = identify(&ready, &Settings::default(), None, false, &|_, _| {}).unwrap();
+    let all: Vec<Frozen> = (0..3).flat_map(|seed| frozen(&ready, &found.held_out, seed)).collect();
+    let own: Vec<&Frozen> = all.iter().filter(|one| one.signal == "s0").collect();
+    let growth =
+        |of: fn(&Frozen) -> f64| mean(&own.iter().map(|one| of(one) / one.range.1).collect::<Vec<f64>>());
+    let (told, untold) = (growth(|one| one.range.0), growth(|one| one.range_unnoticed));
+    assert!(told < 1.05 && untold > 1.2, "{told} {untold}");
+    assert!(!all.iter().any(|one| one.false_alarm));
+}
+
+#[test]
+fn the_other_methods_need_a_second_run() {
+    let dataset = dataset(&logs(&days(1, 3, 0.0))).unwrap();
+    let ready =
+        ready(&rig::profile(4), &dataset, &Choice { resample: Duration::from_secs(60), ..Choice::default() })
+            .unwrap();
+    let why = identify(&ready, &by(Method::Ols), None, false, &|_, _| {}).unwrap_err();
+    assert!(why.contains("there is one run only, day0") && why.contains("record another day"), "{why}");
+}
+
+#[test]
+fn a_sensor_that_froze_for_forty_minutes_of_one_training_run_is_found_and_mended() {
+    let mut all = days(6, 23, 0.2);
+    let mut chance = Pcg64Mcg::seed_from_u64(5);
+    for day in &mut all {
+        day.temperatures[1] =
+            day.temperatures[0].iter().map(|value| 0.8 * value + chance.random_range(-0.01..0.01)).collect();
+    }
+    let rows = &mut all[2].temperatures[0];
+    let moved = (20..rows.len() - 40).max_by(|one, other| {
+        let moves = |at: &usize| (rows[at + 40] - rows[*at]).abs();
+        moves(one).total_cmp(&moves(other))
+    });
+    let at = moved.unwrap();
+    assert!((rows[at + 40] - rows[at]).abs() > 1.0, "it moves while it is frozen");
+    let stays = rows[at];
+    rows[at..at + 40].fill(stays);
+    let found = found(4, &logs(&all), &Settings::default());
+    let repaired: Vec<(&str, &str)> =
+        found.repaired.iter().map(|mended| (mended.signal.as_str(), mended.run.as_str())).collect();
+    assert_eq!(repaired, [("s0", "day2")], "{:?} {:?}", found.repaired, found.notes.excluded);
+    assert!(found.repaired[0].fault.starts_with("frozen from "), "{:?}", found.repaired);
+}
