@@ -181,6 +181,13 @@ impl Arguments {
     }
 }
 
+/// What is wrong with the arguments, quoting them so that nothing in them steers a terminal or begins a line.
+#[must_use]
+pub fn escaped(refused: clap::Error) -> clap::Error {
+    let shown = std::env::args_os().map(|argument| one_line(&argument.to_string_lossy()).into_owned());
+    Arguments::try_parse_from(shown).err().unwrap_or(refused)
+}
+
 /// Carries out the arguments.
 pub fn run(arguments: Arguments) -> ExitCode {
     let log = start_log(arguments.log_filter());

@@ -6,5 +6,8 @@ use clap::Parser;
 use isotherm::cli::{self, Arguments};
 
 fn main() -> ExitCode {
-    cli::run(Arguments::parse())
+    match Arguments::try_parse() {
+        Ok(arguments) => cli::run(arguments),
+        Err(refused) => cli::escaped(refused).exit(),
+    }
 }

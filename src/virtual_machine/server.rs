@@ -76,7 +76,15 @@ pub(super) async fn serve(
     let mut strangers = Strangers::default();
     loop {
         tokio::select! {
-            _ = stop.changed() => return Ok(()),
+            _ = stop.changed() => {
+                while let Some(ended) = connections.try_join_next() {
+                    let _ = report(ended)?.and_then(|peer| strangers.came(peer));
+                }
+                if strangers.untold > 0 {
+                    tracing::warn!("{}", strangers.told());
+                }
+                return Ok(());
+            }
             switch = switched.recv() => {
                 let Some(OpenOrClose { is_open, done }) = switch else { return Ok(()) };
                 if is_open {

@@ -2,8 +2,9 @@
 //!
 //! `tests/fuzz` lets a fuzzer look for such bytes; the inputs that it kept are fed again by every test run.
 
-use std::io::{self, Read, Write};
-use std::net::{Shutdown, SocketAddr, TcpStream};
+use std::cell::Cell;
+use std::io;
+use std::net::SocketAddr;
 use std::path::Path;
 use std::pin::Pin;
 use std::sync::LazyLock;
@@ -29,10 +30,12 @@ use isotherm_core::codec::{
 };
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
-use isotherm_identify::dataset::{Dataset, Split};
+use isotherm_identify::dataset::{Dataset, Split, every_column};
 use isotherm_profile::plan::plan;
 use isotherm_profile::{Commands, Device, Profile, Quirks, Signal};
-use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadBuf};
+use tokio::net::{TcpSocket, TcpStream};
+use tokio::runtime::Runtime;
 
 /// A target and its name, which is that of its directory.
 pub(crate) type Target = (&'static str, fn(&[u8]));
@@ -262,12 +265,16 @@ pub(crate) fn parquet(data: &[u8]) {
 
 fn learn(path: &Path) {
     let split = Split { column: None, gap: Some(Duration::from_secs(3600)), zone: None };
-    match Dataset::read(&[path.to_owned()], &split, &|_| None) {
-        Err(why) => assert!(!why.to_string().is_empty()),
-        Ok(dataset) => {
-            for run in &dataset.runs {
-                assert!(run.values.iter().all(|column| column.len() == run.times.len()), "{}", run.name);
-                assert!(run.times.is_sorted());
+    // All of it, and as one does who uses some of its columns.
+    let some = |name: &str| name.len().is_multiple_of(2);
+    for uses in [&every_column as &dyn Fn(&str) -> bool, &some] {
+        match Dataset::read(&[path.to_owned()], &split, &|_| None, uses) {
+            Err(why) => assert!(!why.to_string().is_empty()),
+            Ok(dataset) => {
+                for run in &dataset.runs {
+                    assert!(run.values.iter().all(|column| column.len() == run.times.len()), "{}", run.name);
+                    assert!(run.times.is_sorted());
+                }
             }
         }
     }
@@ -282,43 +289,64 @@ pub(crate) fn deck(data: &[u8]) {
     });
 }
 
-/// The page of a gateway that polls nothing, on a loopback socket of this process.
-static DOOR: LazyLock<SocketAddr> = LazyLock::new(|| {
-    let (tell, told) = std::sync::mpsc::channel();
-    std::thread::Builder::new()
-        .name(SERVES.to_owned())
-        .spawn(move || {
-            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-            runtime.expect("a runtime").block_on(async {
-                let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
-                tell.send(listener.local_addr().expect("its address")).expect("somebody waits");
-                let gateway = Gateway::new(USUAL.clone(), &Clock::wall(), Options::default());
-                let admission = Admission { commands: Commands::Local, ..Admission::default() };
-                serve(listener, gateway.source(), admission, std::future::pending())
-                    .await
-                    .expect("it serves");
-            });
-        })
-        .expect("a thread");
-    let before = std::panic::take_hook();
-    std::panic::set_hook(Box::new(move |panic| {
-        // A task that panics takes its connection along, and nobody hears of it.
-        PANICKED.fetch_or(std::thread::current().name() == Some(SERVES), Ordering::Relaxed);
-        before(panic);
-    }));
-    told.recv().expect("an address")
-});
+/// The page of a gateway that polls nothing, on a loopback socket of this process, and whoever asks, in one thread: nobody
+/// waits for another to be woken.
+struct Door {
+    runtime: Runtime,
+    address: SocketAddr,
+    asked: Cell<u16>,
+}
+
+thread_local! {
+    static DOOR: Door = Door::open();
+}
 static PANICKED: AtomicBool = AtomicBool::new(false);
-const SERVES: &str = "serves";
+
+impl Door {
+    fn open() -> Door {
+        let before = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            // A task that panics takes its connection along, and nobody hears of it.
+            PANICKED.store(true, Ordering::Relaxed);
+            before(panic);
+        }));
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+        let address = runtime.block_on(async {
+            let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
+            let address = listener.local_addr().expect("its address");
+            let gateway = Gateway::new(USUAL.clone(), &Clock::wall(), Options::default());
+            let admission = Admission { commands: Commands::Local, ..Admission::default() };
+            tokio::spawn(serve(listener, gateway.source(), admission, std::future::pending()));
+            address
+        });
+        Door { runtime, address, asked: Cell::new(0) }
+    }
+
+    /// Each comes from another address of this computer: of one there are not ports enough for as many in a minute.
+    async fn connect(&self) -> TcpStream {
+        let [high, low] = self.asked.replace(self.asked.get().wrapping_add(1)).to_be_bytes();
+        let socket = TcpSocket::new_v4().expect("a socket");
+        socket.bind(([127, 1, high, low], 0).into()).expect("a port");
+        socket.connect(self.address).await.expect("the page is there")
+    }
+}
 
 /// Requests to the page: each is answered in HTTP, or not at all.
 pub(crate) fn http(data: &[u8]) {
-    let mut stream = TcpStream::connect(*DOOR).expect("the page is there");
-    stream.set_read_timeout(Some(Duration::from_secs(30))).expect("a timeout");
-    let mut answer = Vec::new();
-    // What is refused halfway is not read on.
-    let _ = stream.write_all(data).and_then(|()| stream.shutdown(Shutdown::Write));
-    let _ = stream.read_to_end(&mut answer);
+    PANICKED.store(false, Ordering::Relaxed);
+    let answer = DOOR.with(|door| {
+        door.runtime.block_on(async {
+            let mut stream = door.connect().await;
+            let mut answer = Vec::new();
+            // What is refused halfway is not read on.
+            if stream.write_all(data).await.is_ok() {
+                let _ = stream.shutdown().await;
+            }
+            let read = tokio::time::timeout(Duration::from_secs(30), stream.read_to_end(&mut answer)).await;
+            assert!(read.is_ok(), "it is neither answered nor closed");
+            answer
+        })
+    });
     assert!(answer.is_empty() || answer.starts_with(b"HTTP/1."), "{}", String::from_utf8_lossy(&answer));
     assert!(!PANICKED.load(Ordering::Relaxed), "the server panicked");
 }

@@ -5,7 +5,6 @@ pub(crate) type Dense<'a> = (&'a [Vec<f64>], &'a [f64], &'a str);
 
 /// The bytes of the file. `columns` is what the file says of the input's width; `None` leaves it open.
 pub(crate) fn network(mean: &[f64], scale: &[f64], layers: &[Dense<'_>], columns: Option<u64>) -> Vec<u8> {
-    let mut graph = Vec::new();
     let mut tensors = vec![tensor("mean", &[mean.len()], mean), tensor("scale", &[scale.len()], scale)];
     let mut nodes = vec![node("Sub", &["x", "mean"], "centred"), node("Div", &["centred", "scale"], "h0")];
     for (place, (weights, bias, operator)) in layers.iter().enumerate() {
@@ -24,6 +23,12 @@ pub(crate) fn network(mean: &[f64], scale: &[f64], layers: &[Dense<'_>], columns
             nodes.push(node(operator, &[&sum], &out));
         }
     }
+    model(&nodes, &tensors, columns)
+}
+
+/// The bytes of a file with these nodes and tensors, from `x`, one row, to `y`.
+pub(crate) fn model(nodes: &[Vec<u8>], tensors: &[Vec<u8>], columns: Option<u64>) -> Vec<u8> {
+    let mut graph = Vec::new();
     nodes.iter().for_each(|node| field(&mut graph, 1, node));
     field(&mut graph, 2, b"net");
     tensors.iter().for_each(|tensor| field(&mut graph, 5, tensor));
@@ -38,16 +43,23 @@ pub(crate) fn network(mean: &[f64], scale: &[f64], layers: &[Dense<'_>], columns
     model
 }
 
-fn node(operator: &str, inputs: &[&str], output: &str) -> Vec<u8> {
+pub(crate) fn node(operator: &str, inputs: &[&str], output: &str) -> Vec<u8> {
     let mut node = Vec::new();
     inputs.iter().for_each(|input| field(&mut node, 1, input.as_bytes()));
     field(&mut node, 2, output.as_bytes());
     field(&mut node, 3, format!("{operator}_{output}").as_bytes());
     field(&mut node, 4, operator.as_bytes());
+    if operator == "Concat" {
+        let mut axis = Vec::new();
+        field(&mut axis, 1, b"axis");
+        number(&mut axis, 3, 1);
+        number(&mut axis, 20, 2);
+        field(&mut node, 5, &axis);
+    }
     node
 }
 
-fn tensor(name: &str, shape: &[usize], values: &[f64]) -> Vec<u8> {
+pub(crate) fn tensor(name: &str, shape: &[usize], values: &[f64]) -> Vec<u8> {
     let mut tensor = Vec::new();
     shape.iter().for_each(|size| number(&mut tensor, 1, *size as u64));
     number(&mut tensor, 2, 1);

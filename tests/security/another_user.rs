@@ -4,9 +4,9 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::on_time::OnTime;
 use crate::process::{Running, file, isotherm};
-
-const MACHINE: &str = include_str!("../interop/machine.toml");
+use crate::rig::{EVERY, walker};
 
 /// The program where any user may start it.
 fn program(open: &Path) -> PathBuf {
@@ -25,13 +25,15 @@ fn who_may_not_command_a_gateway_that_runs_reads_that_it_runs_and_who_may() {
     let (home, open) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     mode(home.path(), 0o755);
     mode(open.path(), 0o755);
-    let text = MACHINE.replacen("name = \"interop\"", "name = \"of-another-user\"", 1);
+    let (device, text) = walker();
+    let text = text.replacen("name = \"walker\"", "name = \"of-another-user\"", 1);
     let profile = file(home.path(), "machine.toml", &text);
     let state = home.path().join("state");
     let mut run = isotherm(home.path());
     run.arg("run").arg(&profile).args(["--listen", "127.0.0.1:0", "--state"]).arg(&state);
     let mut gateway = Running::start(&mut run);
     gateway.hears("the gateway runs");
+    let _on_time = OnTime::from_now(&device, EVERY);
     let is_root = rustix::process::geteuid().is_root();
     let another = |verb: &str, more: &[&Path]| {
         let mut command = if is_root {

@@ -10,6 +10,8 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 
 use crate::fake::Fake;
+use crate::on_time::OnTime;
+use crate::rig::Machine;
 
 const PATIENCE: Duration = Duration::from_secs(30);
 
@@ -21,6 +23,14 @@ async fn page(limits: Limits) -> SocketAddr {
     let admission = Admission { commands: isotherm_profile::Commands::Local, ..Admission::default() };
     tokio::spawn(serve(door, Arc::new(Fake::default()), admission, std::future::pending()));
     address
+}
+
+/// The page of a machine that is held, as every gateway has it.
+fn machine() -> (Machine, OnTime, SocketAddr) {
+    let mut machine = Machine::start(None, &[], "[web]\nlisten = \"127.0.0.1:0\"\ncommands = \"local\"\n");
+    let page = machine.page();
+    let on_time = machine.on_time();
+    (machine, on_time, page)
 }
 
 /// A connection from 127.0.0.`from`.
@@ -56,7 +66,7 @@ async fn ended(stream: &mut TcpStream) -> String {
 
 #[tokio::test]
 async fn sixteen_of_one_address_come_in_and_sixty_four_of_all() {
-    let page = page(Limits::default()).await;
+    let (_machine, _on_time, page) = machine();
     let mut inside = Vec::new();
     for address in 1..=4 {
         for count in 0..20 {
@@ -114,7 +124,7 @@ async fn drips(stream: &mut TcpStream, text: &str) -> String {
 
 #[tokio::test]
 async fn a_head_and_a_body_have_ten_seconds_each_however_they_drip() {
-    let page = page(Limits::default()).await;
+    let (_machine, _on_time, page) = machine();
     let begun = Passing::default().passed();
     let took = || Passing::default().passed() - begun;
     let silent = async {
@@ -157,7 +167,7 @@ async fn whoever_asks_on_stays_and_whoever_is_idle_is_let_go() {
 
 #[tokio::test]
 async fn the_thirty_third_who_watches_is_refused_with_a_sentence() {
-    let page = page(Limits::default()).await;
+    let (_machine, _on_time, page) = machine();
     let mut watching = Vec::new();
     for place in 0..32 {
         let mut stream = from(1 + place / 16, page).await;

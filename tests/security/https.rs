@@ -14,8 +14,9 @@ use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName};
 use tokio_rustls::rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
 
 use crate::certificates::{Authority, Signed};
-use crate::process::until;
+use crate::process::{file, isotherm, until};
 use crate::rig::{Machine, ask, get};
+use crate::site::OPERATOR;
 
 const WEB: &str = "[web]\nlisten = \"127.0.0.1:0\"\ncommands = \"local\"\ntls = { cert = \"page.pem\", key = \"page.key\" }\n";
 
@@ -54,6 +55,9 @@ fn the_page_speaks_tls_alone_and_shows_what_lies_in_its_files_now() {
     std::fs::set_permissions(home.path().join("page.key"), std::fs::Permissions::from_mode(0o644)).unwrap();
     let files = ["page.pem", "page.key"].map(|name| home.path().join(name).display().to_string());
     let web = WEB.replace("page.pem", &files[0]).replace("page.key", &files[1]);
+    let token = file(home.path(), "operator.token", OPERATOR);
+    std::fs::set_permissions(&token, std::fs::Permissions::from_mode(0o600)).unwrap();
+    let web = web.replace("commands = \"local\"", &format!("token_file = \"{}\"", token.display()));
     let mut machine = Machine::start(None, &[], &web);
     let said = machine.gateway.hears("page https://127.0.0.1:");
     let page: SocketAddr = said.rsplit('/').next().unwrap().parse().unwrap();
@@ -61,6 +65,7 @@ fn the_page_speaks_tls_alone_and_shows_what_lies_in_its_files_now() {
         let said = machine.gateway.so_far().join("\n");
         if said.contains("anybody on this computer may read") { Ok(()) } else { Err(said) }
     });
+    let _on_time = machine.on_time();
     let silent = TcpStream::connect(page).unwrap();
     let begun = Passing::default().passed();
 
@@ -68,8 +73,23 @@ fn the_page_speaks_tls_alone_and_shows_what_lies_in_its_files_now() {
     let answer = healthy(&first).unwrap();
     assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
     assert!(ask(page, &get(page, "/healthz")).is_none_or(|answer| !answer.starts_with("HTTP/1.1")));
-    for (scheme, code) in [("https", 200), ("http", 403)] {
-        let head = format!("POST /api/disarm HTTP/1.1\r\nHost: {page}\r\nOrigin: {scheme}://{page}\r\n");
+    // Over TLS a browser keeps its visit from pages that are read without, from scripts, and from other hosts.
+    let sign_in = format!("token={OPERATOR}");
+    let head = format!(
+        "POST /login HTTP/1.1\r\nHost: {page}\r\nOrigin: https://{page}\r\nContent-Length: {}\r\nConnection: close\r\n\r\n",
+        sign_in.len()
+    );
+    let answer = asks(&first.cert, page, &(head + &sign_in)).unwrap();
+    let cookie = answer.lines().find_map(|line| line.strip_prefix("set-cookie: ")).unwrap_or(&answer);
+    let (name, attributes) = cookie.split_once('=').unwrap();
+    assert_eq!(name, format!("__Host-isotherm_visit_{}", page.port()));
+    assert_eq!(attributes[32..], *"; Path=/; HttpOnly; SameSite=Strict; Secure");
+    let visit = cookie.split(';').next().unwrap();
+    let bare = visit.trim_start_matches("__Host-");
+    for (scheme, visit, code) in [("https", visit, 200), ("http", visit, 403), ("https", bare, 401)] {
+        let head = format!(
+            "POST /api/disarm HTTP/1.1\r\nHost: {page}\r\nOrigin: {scheme}://{page}\r\nCookie: {visit}\r\n"
+        );
         let answer = asks(&first.cert, page, &format!("{head}Connection: close\r\n\r\n")).unwrap();
         assert!(answer.starts_with(&format!("HTTP/1.1 {code}")), "{scheme}: {answer}");
     }
@@ -115,6 +135,10 @@ fn a_page_without_its_certificate_is_refused_at_the_start_with_the_file_and_what
         let web = WEB.replace("page.pem", &files[0]).replace("page.key", &files[1]);
         let mut machine = Machine::start(None, &[], &web);
         machine.gateway.hears(words);
+        let checked =
+            isotherm(home.path()).arg("check").arg(machine.home.path().join("walker.toml")).output();
+        let said = String::from_utf8(checked.unwrap().stderr).unwrap();
+        assert!(said.contains(words) && said.contains("does not start without it"), "{said}");
         assert_eq!(machine.gateway.ends_within(Duration::from_secs(30)).code(), Some(1), "{words}");
     }
 }

@@ -4,7 +4,9 @@ use std::process::Output;
 
 use serde_json::Value;
 
+use crate::on_time::OnTime;
 use crate::process::{PATIENCE, Running, file, isotherm, until};
+use crate::rig::{EVERY, walker};
 
 const MACHINE: &str = include_str!("../interop/machine.toml");
 
@@ -33,12 +35,15 @@ fn a_limit_that_the_environment_makes_larger_keeps_the_gateway_from_starting_wit
 #[test]
 fn what_is_set_above_the_profile_is_in_the_log_in_check_in_status_and_where_the_page_reads() {
     let home = tempfile::tempdir().unwrap();
-    let profile = file(home.path(), "machine.toml", MACHINE);
-    file(home.path(), "machine.local.toml", "[bus.cell]\naddress = \"127.0.0.1:9\"\n");
+    let (device, text) = walker();
+    let address = device.address().to_string();
+    let profile = file(home.path(), "machine.toml", &text.replace(&address, "127.0.0.1:1"));
+    file(home.path(), "machine.local.toml", &format!("[bus.cell]\naddress = \"{address}\"\n"));
     let variables = [("ISOTHERM__AXIS__Z__LIMIT", "30"), ("ISOTHERM_PORT_8080_TCP", "tcp://10.0.0.1:8080")];
+    let moved = format!("bus.cell.address = \"{address}\" instead of the profile's \"127.0.0.1:1\", from ");
     let lines = [
-        "axis.z.limit = 30 instead of the profile's 40.0, from environment ISOTHERM__AXIS__Z__LIMIT",
-        "bus.cell.address = \"127.0.0.1:9\" instead of the profile's \"127.0.0.1:1\", from ",
+        "axis.z.limit = 30 instead of the profile's 2000.0, from environment ISOTHERM__AXIS__Z__LIMIT",
+        &moved,
         "device.cnc.quirks.max_gap = 3, which the profile does not have, from --set device.cnc.quirks.max_gap",
     ];
     let set = ["--set", "device.cnc.quirks.max_gap=3"];
@@ -59,6 +64,7 @@ fn what_is_set_above_the_profile_is_in_the_log_in_check_in_status_and_where_the_
         .arg(&state);
     let mut gateway = Running::start(&mut run);
     gateway.hears("the gateway runs");
+    let _on_time = OnTime::from_now(&device, EVERY);
     let said = gateway.said.join("\n");
     lines.iter().for_each(|line| assert!(said.contains(line), "{line}\nis not in\n{said}"));
     let status = |more: &[&str]| {
@@ -66,12 +72,12 @@ fn what_is_set_above_the_profile_is_in_the_log_in_check_in_status_and_where_the_
         status.arg("status").arg(&profile).arg("--state").arg(&state).args(more).output().unwrap()
     };
     let (shown, said) = both(&status(&[]));
-    let line = "axis.z.limit = 30, in the profile 40.0, from environment ISOTHERM__AXIS__Z__LIMIT";
+    let line = "axis.z.limit = 30, in the profile 2000.0, from environment ISOTHERM__AXIS__Z__LIMIT";
     assert!(shown.contains("set above the profile\n") && shown.contains(line), "{shown}{said}");
     until("the document of the status has it too", || {
         let document: Value = serde_json::from_str(&both(&status(&["--json"])).0).unwrap_or_default();
         let first = document["overridden"][0].clone();
-        let is_told = first["key"] == "axis.z.limit" && first["profile"] == "40.0" && first["now"] == "30";
+        let is_told = first["key"] == "axis.z.limit" && first["profile"] == "2000.0" && first["now"] == "30";
         if is_told { Ok(()) } else { Err(first.to_string()) }
     });
 }

@@ -12,6 +12,7 @@ mod fake;
 mod files;
 mod https;
 mod layers;
+mod on_time;
 mod port;
 #[path = "../process/mod.rs"]
 mod process;

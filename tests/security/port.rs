@@ -3,18 +3,21 @@
 use std::net::TcpListener;
 use std::time::Duration;
 
+use isotherm::clock::Clock;
+
+use crate::on_time::polls;
 use crate::process::until;
-use crate::rig::{Machine, Witness, ask, get};
+use crate::rig::{Machine, ask, get};
 
 #[test]
 fn a_taken_port_keeps_no_machine_from_being_held_and_the_page_comes_when_it_is_free() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let page = taken.local_addr().unwrap();
-    let witness = Witness::new();
-    let begun = witness.now();
+    let begun = Clock::wall().now();
     let mut machine = Machine::start(None, &["--listen", &page.to_string()], "");
     machine.is_held();
-    let polled = machine.polls()[0].since(begun);
+    let polled = polls(&machine.device.state())[0].since(begun);
+    let _on_time = machine.on_time();
     println!("polled after {polled:?}");
     machine.gateway.hears(&format!("the page cannot listen on {page}"));
     drop(taken);

@@ -1,14 +1,16 @@
 //! How often somebody may command, and how much of a flood is logged.
 
 use std::io::{Read, Write};
+use std::net::TcpStream;
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 use isotherm::clock::Passing;
 
-use crate::process::until;
+use crate::process::{Running, file, free_port, isotherm, until};
 use crate::site::{BOTH, OPERATOR, Site, bearer};
 
+const MACHINE: &str = include_str!("../interop/machine.toml");
 const SECOND: Duration = Duration::from_secs(1);
 
 fn now() -> Duration {
@@ -94,6 +96,26 @@ fn whoever_disarms_again_within_a_second_finds_nothing_armed() {
     let again = site.post("/api/disarm", &operator);
     assert!(again.code == 429 || now() >= begun + SECOND, "{again:?}");
     assert!(!is_armed());
+}
+
+#[test]
+fn clients_of_a_virtual_machine_that_speak_no_modbus_are_counted_to_its_last_word() {
+    let home = tempfile::tempdir().unwrap();
+    let address = format!("127.0.0.1:{}", free_port());
+    let text = MACHINE.replace("127.0.0.1:1\"", &format!("{address}\""));
+    let profile = file(home.path(), "machine.toml", &text);
+    let mut devices = Running::start(isotherm(home.path()).arg("virtual").arg(&profile));
+    devices.hears("stop with Ctrl-C");
+    for _ in 0..5 {
+        let mut stream = TcpStream::connect(&address).unwrap();
+        stream.write_all(b"GET / HTTP/1.1\r\n\r\n").unwrap();
+        assert_eq!(stream.read(&mut [0; 16]).unwrap_or(0), 0, "it is closed");
+    }
+    devices.signal("INT");
+    assert!(devices.ends_within(Duration::from_secs(30)).success());
+    let said = devices.said.join("\n");
+    assert_eq!(said.matches("this is no Modbus TCP").count(), 2, "{said}");
+    assert!(said.contains("closed 4 more connections"), "{said}");
 }
 
 #[test]

@@ -1,11 +1,15 @@
 //! Requests that mean one thing to us and another to whoever passes them on, and those that a foreign page sends.
 
-use crate::fake::Door;
+use std::io::{Read, Write};
 
-#[tokio::test]
-async fn a_request_for_two_hosts_is_refused_and_so_is_one_whose_target_names_another() {
-    let door = Door::open(None).await;
-    let host = door.address.to_string();
+use crate::site::Site;
+
+const LOCAL: &str = "commands = \"local\"\n";
+
+#[test]
+fn a_request_for_two_hosts_is_refused_and_so_is_one_whose_target_names_another() {
+    let site = Site::with(LOCAL);
+    let host = site.address.to_string();
     for (target, hosts, code) in [
         ("/api/status", vec![host.as_str()], "200"),
         ("/api/status", vec![host.as_str(), host.as_str()], "400"),
@@ -18,21 +22,22 @@ async fn a_request_for_two_hosts_is_refused_and_so_is_one_whose_target_names_ano
         (&format!("http://{host}/api/status"), vec![], "400"),
         (&format!("http://user@{host}/api/status"), vec![host.as_str()], "400"),
     ] {
-        let mut line = door.connect().await;
+        let mut line = site.connect("127.0.0.1");
         let hosts: String = hosts.iter().map(|host| format!("Host: {host}\r\n")).collect();
-        line.write(&format!("GET {target} HTTP/1.1\r\n{hosts}Connection: close\r\n\r\n")).await;
-        let answer = line.rest().await;
+        let request = format!("GET {target} HTTP/1.1\r\n{hosts}Connection: close\r\n\r\n");
+        line.write_all(request.as_bytes()).unwrap();
+        let mut answer = String::new();
+        line.read_to_string(&mut answer).unwrap();
         assert!(answer.starts_with(&format!("HTTP/1.1 {code}")), "{target} {hosts}: {answer}");
     }
 }
 
-#[tokio::test]
-async fn a_page_of_another_scheme_is_another_page() {
-    let door = Door::open(None).await;
+#[test]
+fn a_page_of_another_scheme_is_another_page() {
+    let site = Site::with(LOCAL);
     for (origin, code) in [("http", 200), ("https", 403), ("HTTP", 403), ("ws", 403)] {
-        let origin = format!("{origin}://{}", door.address);
-        let reply = door.send("POST", "/api/disarm", &[("Origin", &origin)], "").await;
+        let reply = site.post("/api/disarm", &format!("Origin: {origin}://{}\r\n", site.address));
         assert_eq!(reply.code, code, "{origin}: {}", reply.body);
     }
-    assert_eq!(door.commands().len(), 1);
+    assert_eq!(site.status()["event_counts"]["command"], 1);
 }

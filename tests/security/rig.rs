@@ -4,23 +4,16 @@ use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::path::PathBuf;
 use std::process::Command;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
-use isotherm::clock::Clock;
-use isotherm_core::quantity::Moment;
-
-use crate::device::{Device, Seen, Times, What, profile};
+use crate::device::{Device, Times, profile};
+use crate::on_time::OnTime;
 use crate::process::{Running, file, isotherm};
 
 /// How often the device is polled.
 pub(crate) const EVERY: Duration = Duration::from_millis(200);
 const TIMES: Times =
     Times { timeout: Duration::from_millis(100), every: EVERY, max_age: Duration::from_secs(1) };
-/// Polls stay within this of their time, whoever attacks.
-const WITHIN: Duration = Duration::from_millis(50);
 
 pub(crate) struct Machine {
     pub(crate) home: tempfile::TempDir,
@@ -32,10 +25,9 @@ pub(crate) struct Machine {
 impl Machine {
     /// A gateway with these arguments, under this limit of file descriptors, and with this in its profile.
     pub(crate) fn start(descriptors: Option<u32>, arguments: &[&str], web: &str) -> Machine {
-        let device = Device::listen(TcpListener::bind("127.0.0.1:0").unwrap(), Duration::ZERO);
+        let (device, text) = walker();
         let home = tempfile::tempdir().unwrap();
-        // Nobody is to hold up a poll but those who attack.
-        let text = profile(device.address(), TIMES).replace("\"100ms\" }", "\"1ms\" }") + web;
+        let text = text + web;
         let profile = file(home.path(), "walker.toml", &text);
         let program = isotherm(home.path());
         let limit = descriptors.map_or(String::new(), |limit| format!("ulimit -n {limit}; "));
@@ -77,69 +69,18 @@ impl Machine {
         polled.expect("the device is not polled again").since(up)
     }
 
-    /// When the device was polled.
-    pub(crate) fn polls(&self) -> Vec<Moment> {
-        let is_poll = |seen: &&Seen| matches!(seen.what, What::Asked { .. });
-        self.device.state().seen.iter().filter(is_poll).map(|seen| seen.at).collect()
-    }
-
-    /// The polls of a span that came later than they may, where this computer itself was not late.
-    pub(crate) fn late(&self, (from, to): (Moment, Moment), witness: &Witness) -> Vec<String> {
-        let polls: Vec<Moment> = self.polls().into_iter().filter(|at| *at >= from && *at < to).collect();
-        assert!(polls.len() > 5, "{} polls in {:?}", polls.len(), to.since(from));
-        let gaps = polls.windows(2).filter_map(|pair| {
-            let [one, next] = [pair[0], pair[1]];
-            let over = next.since(one).saturating_sub(EVERY);
-            let excused = witness.worst(one, next);
-            (over > WITHIN + excused).then(|| format!("{over:?} late at {next}, the computer {excused:?}"))
-        });
-        gaps.collect()
+    /// From now on it is held on time, as long as what is returned lives.
+    pub(crate) fn on_time(&self) -> OnTime {
+        OnTime::from_now(&self.device, EVERY)
     }
 }
 
-/// Somebody who only looks at the clock, and knows how late this computer lets anybody be.
-pub(crate) struct Witness {
-    clock: Clock,
-    seen: Arc<Mutex<Vec<(Moment, Duration)>>>,
-    ends: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Witness {
-    pub(crate) fn new() -> Witness {
-        const TICK: Duration = Duration::from_millis(5);
-        let (seen, ends, clock) =
-            (Arc::new(Mutex::new(Vec::new())), Arc::new(AtomicBool::new(false)), Clock::wall());
-        let (keeps, until, by) = (Arc::clone(&seen), Arc::clone(&ends), clock.clone());
-        let thread = std::thread::spawn(move || {
-            let mut last = by.now();
-            while !until.load(Ordering::Relaxed) {
-                std::thread::sleep(TICK);
-                let now = by.now();
-                keeps.lock().unwrap().push((now, now.since(last).saturating_sub(TICK)));
-                last = now;
-            }
-        });
-        Witness { clock, seen, ends, thread: Some(thread) }
-    }
-
-    pub(crate) fn now(&self) -> Moment {
-        self.clock.now()
-    }
-
-    /// The latest that anybody was in this span.
-    fn worst(&self, from: Moment, to: Moment) -> Duration {
-        let seen = self.seen.lock().unwrap();
-        let inside = seen.iter().filter(|(at, _)| *at >= from && *at <= to.after(WITHIN));
-        inside.map(|(_, late)| *late).max().unwrap_or_default()
-    }
-}
-
-impl Drop for Witness {
-    fn drop(&mut self) {
-        self.ends.store(true, Ordering::Relaxed);
-        self.thread.take().unwrap().join().unwrap();
-    }
+/// A device, and the profile of a machine that it is all of.
+pub(crate) fn walker() -> (Device, String) {
+    let device = Device::listen(TcpListener::bind("127.0.0.1:0").unwrap(), Duration::ZERO);
+    // Nobody is to hold up a poll but those who attack.
+    let text = profile(device.address(), TIMES).replace("\"100ms\" }", "\"1ms\" }");
+    (device, text)
 }
 
 /// A whole answer to this request, where there is one.

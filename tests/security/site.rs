@@ -10,6 +10,7 @@ use serde_json::Value;
 use socket2::{Domain, Socket, Type};
 
 use crate::device::{Device, Times, profile};
+use crate::on_time::OnTime;
 use crate::process::{Running, file, isotherm, until};
 
 const TIMES: Times = Times {
@@ -23,6 +24,8 @@ pub(crate) const VIEWER: &str = "looks-and-no-more-than-that";
 pub(crate) const BOTH: &str = "token_file = \"operator.token\"\nviewer_token_file = \"viewer.token\"\n";
 
 pub(crate) struct Site {
+    /// Looked at before anything ends: whatever a test does here, the machine is held on time.
+    _on_time: OnTime,
     pub(crate) home: tempfile::TempDir,
     pub(crate) device: Device,
     pub(crate) profile: PathBuf,
@@ -61,10 +64,15 @@ impl Site {
     }
 
     pub(crate) fn of(web: &str, change: impl FnOnce(String) -> String) -> Site {
+        Site::at("127.0.0.1", web, change)
+    }
+
+    /// The same where the page listens on other addresses than this computer's own.
+    pub(crate) fn at(listen: &str, web: &str, change: impl FnOnce(String) -> String) -> Site {
         let device = Device::listen(TcpListener::bind("127.0.0.1:0").unwrap(), Duration::ZERO);
         let home = tempfile::tempdir().unwrap();
         let text = profile(device.address(), TIMES).replace("100ms", "5ms");
-        let text = format!("{}\n[web]\nlisten = \"127.0.0.1:0\"\n{web}", change(text));
+        let text = format!("{}\n[web]\nlisten = \"{listen}:0\"\n{web}", change(text));
         let profile = file(home.path(), "walker.toml", &text);
         for (name, token) in [("operator.token", OPERATOR), ("viewer.token", VIEWER)] {
             let path = file(home.path(), name, &format!("{token}\n"));
@@ -78,8 +86,11 @@ impl Site {
             .arg("--state")
             .arg(home.path().join("state"));
         let mut gateway = Running::start(&mut command);
-        let page = gateway.hears("page http://").replace("page http://", "");
-        Site { home, device, profile, gateway, address: page.parse().unwrap() }
+        let page = gateway.hears("page http://");
+        let port = page.rsplit(':').next().unwrap();
+        let address = SocketAddr::from(([127, 0, 0, 1], port.parse().unwrap()));
+        let on_time = OnTime::from_now(&device, TIMES.every);
+        Site { _on_time: on_time, home, device, profile, gateway, address }
     }
 
     /// A verb of this machine: its exit code, and all that it said.

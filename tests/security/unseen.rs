@@ -7,7 +7,9 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::on_time::OnTime;
 use crate::process::{Running, file, isotherm, until};
+use crate::rig::{EVERY, walker};
 
 const MACHINE: &str = include_str!("../interop/machine.toml");
 const TOKEN: &str = "0123456789abcdef0123456789abcdef";
@@ -37,15 +39,19 @@ fn whoever_asks_over_http_or_the_socket_forges_no_line_of_the_log_nor_of_the_eve
     let home = tempfile::tempdir().unwrap();
     let token = file(home.path(), "token", TOKEN);
     std::fs::set_permissions(&token, std::fs::Permissions::from_mode(0o600)).unwrap();
-    let web = format!("{MACHINE}\n[web]\nlisten = \"127.0.0.1:0\"\ntoken_file = \"{}\"\n", token.display());
+    let (device, text) = walker();
+    let address = device.address().to_string();
+    let text = text.replace(&address, "127.0.0.1:9");
+    let web = format!("{text}\n[web]\nlisten = \"127.0.0.1:0\"\ntoken_file = \"{}\"\n", token.display());
     let directory = hostile(home.path());
     let profile = file(&directory, "machine.toml", &web);
-    file(&directory, "machine.local.toml", "[bus.cell]\naddress = \"127.0.0.1:9\"\n");
+    file(&directory, "machine.local.toml", &format!("[bus.cell]\naddress = \"{address}\"\n"));
     let state = home.path().join("state");
     let mut gateway =
         Running::start(isotherm(home.path()).arg("run").arg(&profile).arg("--state").arg(&state));
     let page = gateway.hears("page http://").split_once("http://").unwrap().1.to_owned();
     gateway.hears("the gateway runs");
+    let _on_time = OnTime::from_now(&device, EVERY);
 
     let forged = FORGED.replace(' ', "%20");
     let mut answers = String::new();
@@ -67,7 +73,7 @@ fn whoever_asks_over_http_or_the_socket_forges_no_line_of_the_log_nor_of_the_eve
         answers += answer.split_once("\r\n\r\n").unwrap().1;
     }
     is_honest(&answers);
-    let mut socket = UnixStream::connect(state.join("interop.sock")).unwrap();
+    let mut socket = UnixStream::connect(state.join("walker.sock")).unwrap();
     socket.write_all("zero axis=\u{1b}]0;owned\u{7}\r\n".as_bytes()).unwrap();
     let mut answer = String::new();
     socket.read_to_string(&mut answer).unwrap();
@@ -83,6 +89,24 @@ fn whoever_asks_over_http_or_the_socket_forges_no_line_of_the_log_nor_of_the_eve
     gateway.hears("\\u001b]0;owned");
     is_honest(&gateway.so_far().join("\n"));
     assert!(gateway.said.iter().any(|line| line.contains("bus.cell.address")), "{:?}", gateway.said);
+}
+
+#[test]
+fn an_argument_that_is_none_steers_no_terminal() {
+    let home = tempfile::tempdir().unwrap();
+    let hostile = format!("a\u{1b}[2J\n{FORGED}");
+    for arguments in [
+        vec![hostile.clone()],
+        vec![format!("--{hostile}")],
+        vec!["replay".to_owned(), "p.toml".to_owned(), "l.csv".to_owned(), format!("--out{hostile}")],
+        vec!["identify".to_owned(), format!("--method={hostile}"), "p.toml".to_owned(), "l.csv".to_owned()],
+    ] {
+        let output = isotherm(home.path()).args(&arguments).output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains("a\\u001b[2J\\nFORGED"), "{said}");
+        is_honest(&said);
+    }
 }
 
 #[test]

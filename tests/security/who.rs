@@ -96,6 +96,26 @@ fn whoever_has_the_viewers_token_looks_at_everything_and_commands_nothing() {
 }
 
 #[test]
+fn beyond_this_computer_nobody_looks_without_a_token_not_even_from_here() {
+    let site = Site::at("0.0.0.0", &format!("plain = true\n{BOTH}"), |text| text);
+    let looks = bearer(VIEWER);
+    for path in ["/", "/api/status", "/api/events", "/metrics"] {
+        assert_eq!(site.get(path, "").code, 401, "{path}");
+        assert_eq!(site.get(path, &looks).code, 200, "{path}");
+    }
+    assert_eq!(site.get("/healthz", "").code, 200);
+    assert_eq!(site.post("/api/disarm", &looks).code, 403);
+    assert_eq!(site.post("/api/disarm", &bearer(OPERATOR)).code, 200);
+    let profile = std::fs::read_to_string(&site.profile).unwrap();
+    for (without, words) in [("plain = true\n", "tls"), (BOTH, "token_file")] {
+        let profile = crate::process::file(site.home.path(), "open.toml", &profile.replace(without, ""));
+        let ended = isotherm(site.home.path()).arg("run").arg(&profile).output().unwrap();
+        let said = String::from_utf8(ended.stderr).unwrap();
+        assert!(ended.status.code().is_some_and(|code| code != 0) && said.contains(words), "{words}: {said}");
+    }
+}
+
+#[test]
 fn a_stolen_visit_is_no_token_and_ends_when_its_token_does() {
     let site = Site::with(BOTH);
     site.is_known();
@@ -161,6 +181,13 @@ fn a_stolen_visit_is_no_token_and_ends_when_its_token_does() {
     until("nobody commands", || match site.post("/api/zero", &bearer("another-one-from-now-on")).code {
         401 | 429 => Ok(()),
         code => Err(code.to_string()),
+    });
+    until("what became of the token is in the events", || {
+        let events = site.verb(&["events", "--json"]).1;
+        assert!(!events.contains("another-one-from-now-on"), "{events}");
+        let words =
+            ["token-changed", "operator's token is another one now", "token-gone", "is not there: isotherm"];
+        if words.iter().all(|words| events.contains(words)) { Ok(()) } else { Err(events) }
     });
 }
 

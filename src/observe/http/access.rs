@@ -31,6 +31,7 @@ use super::tokens::{Change, Role, Tokens, random};
 use super::visits::{Key, Visits};
 use crate::clock::Passing;
 use crate::observe::asker::{Asker, Way};
+use crate::observe::events::{Event, PageToken};
 
 /// How often it is reported that a command was turned away, in seconds.
 const REPORTED_EVERY_S: u64 = 10;
@@ -145,12 +146,10 @@ impl Access {
             let look = tokio::task::spawn_blocking(move || looked.access.tokens.look());
             for (role, change) in look.await.unwrap_or_default() {
                 let role = role.name();
-                match change {
-                    Change::Another => tracing::info!(
-                        "the {role}'s token is another one now; who signed in with the old one is gone"
-                    ),
-                    Change::Gone(why) => tracing::error!("the {role}'s token is none any more: {why}"),
-                }
+                room.source.report(&Event::Token(match change {
+                    Change::Another => PageToken::Changed { role },
+                    Change::Gone(why) => PageToken::Gone { role, why },
+                }));
             }
             let due = lock(&room.access.refusals).due(now());
             if let Some(told) = due {

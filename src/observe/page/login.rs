@@ -2,7 +2,7 @@
 
 use maud::{DOCTYPE, Markup, html};
 
-use super::Words;
+use super::{Words, heading};
 
 /// It tells nobody which machine this is. `view` is what he goes on to, `trouble` the key of what is wrong.
 pub(in crate::observe) fn login(words: &Words, view: Option<&str>, trouble: Option<&'static str>) -> Markup {
@@ -10,11 +10,7 @@ pub(in crate::observe) fn login(words: &Words, view: Option<&str>, trouble: Opti
         (DOCTYPE)
         html lang=(words.language) {
             head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="color-scheme" content="light dark";
-                title { (words.get("sign_in")) " · isotherm" }
-                link rel="icon" href="/page/icon.svg" type="image/svg+xml";
+                (heading(words.get("sign_in")))
                 link rel="stylesheet" href="/page/login.css";
             }
             body {

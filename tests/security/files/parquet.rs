@@ -30,6 +30,11 @@ fn what_is_wrong_with_a_parquet_file_is_said_in_a_sentence() {
     for (name, words) in [
         ("corpus/parquet/negative_length.parquet", ["column", "negative"]),
         ("corpus/parquet/no_dictionary.parquet", ["column", "a page has no head, or one that is damaged"]),
+        // Its pages look well, and the reader panics on what is in them.
+        (
+            "corpus/parquet/reader_panics.parquet",
+            ["it is not a readable Parquet file", "its reader failed on it"],
+        ),
         ("security/bombs/many_rows.parquet", ["20000000 rows", "are read"]),
         ("security/bombs/huge_page.parquet", ["takes 80000", "at most 48000000"]),
         ("security/bombs/more_than_it_says.parquet", ["holds more than", "that it says it has"]),

@@ -6,7 +6,7 @@
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
-use rten::{Dimension, Model, ModelOptions, NodeId, OpRegistry, RunOptions, ThreadPool, op_types};
+use rten::{Dimension, Model, ModelOptions, NodeId, OpRegistry, RunOptions, ThreadPool, Value, op_types};
 use rten_tensor::prelude::*;
 use rten_tensor::{Tensor, TensorView};
 
@@ -14,6 +14,7 @@ use super::WIDEST;
 use crate::border::beyond;
 
 mod frame;
+mod trial;
 
 /// A graph that has been tried once.
 #[derive(Clone)]
@@ -32,6 +33,12 @@ struct Graph {
     pool: Arc<ThreadPool>,
 }
 
+impl Graph {
+    fn options(&self) -> RunOptions {
+        RunOptions::default().with_thread_pool(Some(self.pool.clone()))
+    }
+}
+
 impl Onnx {
     /// From the bytes of an ONNX file, tried with every input at zero. `inputs` is how many the model names: it
     /// settles a dimension that the file leaves open.
@@ -43,12 +50,13 @@ impl Onnx {
         if !frame::is_whole(&bytes) {
             return Err("it is no ONNX file, or not the whole of one".to_owned());
         }
+        trial::check_tensors(&bytes)?;
         let mut hasher = DefaultHasher::new();
         bytes.hash(&mut hasher);
         let mut options = ModelOptions::with_ops(operators());
         // Its fused operators panic where shapes do not fit, and save nothing in networks of this size.
         options.enable_optimization(false);
-        let model = caught(|| options.load(bytes))?
+        let model = caught(|| options.load(bytes.clone()))?
             .map_err(|why| format!("it cannot be read as an ONNX network: {why}"))?;
         let (&[input], &[output]) = (model.input_ids(), model.output_ids()) else {
             return Err(format!(
@@ -65,6 +73,7 @@ impl Onnx {
         let pool = Arc::new(ThreadPool::with_num_threads(1));
         let graph = Arc::new(Graph { model, input, output, pool });
         let onnx = Onnx { graph, takes, shape: [1, takes], flat, fingerprint: hasher.finish() };
+        trial::run(&bytes, &onnx.graph, onnx.row(&[0.0; WIDEST][..takes]), &onnx.graph.options())?;
         // What the file says of its output need not be so: it is tried.
         let values = onnx.run(&[0.0; WIDEST][..takes])?;
         match values.len() {
@@ -84,13 +93,17 @@ impl Onnx {
         }
     }
 
-    fn run(&self, inputs: &[f64]) -> Result<Vec<f32>, String> {
+    fn row(&self, inputs: &[f64]) -> Value {
         #[allow(clippy::cast_possible_truncation, reason = "the graph computes in single precision")]
         let row: Vec<f32> = inputs.iter().map(|input| *input as f32).collect();
         let shape = if self.flat { &self.shape[1..] } else { &self.shape[..] };
-        let row = Tensor::from_data(shape, row);
-        let Graph { model, input, output, pool } = &*self.graph;
-        let options = RunOptions::default().with_thread_pool(Some(pool.clone()));
+        Tensor::from_data(shape, row).into()
+    }
+
+    fn run(&self, inputs: &[f64]) -> Result<Vec<f32>, String> {
+        let row = self.row(inputs);
+        let Graph { model, input, output, .. } = &*self.graph;
+        let options = self.graph.options();
         let values = caught(|| model.run_n([(*input, row.into())].into(), [*output], Some(options)))?
             .map_err(|why| format!("it cannot be computed: {why}"))?;
         let [value] = &values;

@@ -74,25 +74,23 @@ fn shapes_that_do_not_fit_each_other_are_refused() {
     assert!(radial(vec![]).contains("no nodes"));
     assert!(radial(vec![node(&[0.0], 1.0)]).contains("centre 1 has 1 numbers, and there are 2 inputs"));
     assert!(radial(vec![node(&[0.0, 0.0], 0.0)]).contains("width 1 is 0"));
-    let input = Input { signal: SignalId(0), reference: Reference::Fixed(of(0.0)), lag: None };
+    let input = Input::of(SignalId(0), Reference::Fixed(of(0.0)), None);
     let why = Network::new("n.json", super::tests::layers(Activation::Tanh), vec![input]).unwrap_err();
     assert_eq!(why, "it takes 2 inputs, the model names 1");
 }
 
 #[test]
 fn inputs_are_rises_and_a_result_that_is_no_number_is_none() {
-    let input = |place, reference| Input { signal: SignalId(place), reference, lag: None };
+    let input = |place, reference| Input::of(SignalId(place), reference, None);
     let inputs = vec![input(0, Reference::Fixed(of(1.5))), input(1, Reference::Fixed(of(0.0)))];
-    let model = |net| Model {
-        name: "net".to_owned(),
-        kind: Kind::Network(Network::new("n.json", net, inputs.clone()).unwrap()),
-        envelope: None,
+    let model = |net| {
+        Model::new("net".to_owned(), Kind::Network(Network::new("n.json", net, inputs.clone()).unwrap()))
     };
     let now = Moment::from_nanos(0);
     let ask = |model: &Model, a, b| {
         let readings = [Reading::good(a, now), Reading::good(b, now)];
-        let (snapshot, machine) = (Snapshot { now, readings: &readings }, Machine::default());
-        let known = Inputs { snapshot: &snapshot, machine: &machine, lags: &[], splits_slope: false };
+        let (snapshot, machine) = (Snapshot::new(now, &readings), Machine::default());
+        let known = Inputs { snapshot, machine: &machine, lags: &[], splits_slope: false };
         model.evaluate(&known).map(|evaluated| evaluated.outputs.cz.get())
     };
     let tanh = layers(Activation::Tanh);

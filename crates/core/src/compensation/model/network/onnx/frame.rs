@@ -48,25 +48,50 @@ pub(super) fn is_whole(bytes: &[u8]) -> bool {
         && needed.is_empty()
 }
 
-fn fills(mut bytes: &[u8], message: Message, depth: u32, seen: &mut dyn FnMut(u64)) -> bool {
-    while !bytes.is_empty() {
-        let Some((tag, rest)) = varint(bytes) else { return false };
-        let field = tag >> 3;
-        let after = match tag & 7 {
-            0 => varint(rest).map(|(_, rest)| rest),
-            1 => rest.get(8..),
-            2 => inside(rest).and_then(|(inner, after)| match message.part(field) {
-                None => Some(after),
-                Some(part) => (depth > 0 && fills(inner, part, depth - 1, &mut |_| {})).then_some(after),
-            }),
-            5 => rest.get(4..),
+fn fills(bytes: &[u8], message: Message, depth: u32, seen: &mut dyn FnMut(u64)) -> bool {
+    Fields(bytes).all(|found| {
+        let Some((field, value)) = found else { return false };
+        seen(field);
+        match (value, message.part(field)) {
+            (Field::Bytes(inner), Some(part)) => depth > 0 && fills(inner, part, depth - 1, &mut |_| {}),
+            _ => true,
+        }
+    })
+}
+
+/// The fields of a message, each with its number; `None` and no more where they are damaged.
+pub(super) struct Fields<'a>(pub(super) &'a [u8]);
+
+/// What a field holds.
+#[derive(Clone, Copy)]
+pub(super) enum Field<'a> {
+    Number(u64),
+    Bytes(&'a [u8]),
+    /// Four bytes, or eight.
+    Fixed,
+}
+
+impl<'a> Iterator for Fields<'a> {
+    type Item = Option<(u64, Field<'a>)>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let bytes = std::mem::take(&mut self.0);
+        if bytes.is_empty() {
+            return None;
+        }
+        let Some((tag, rest)) = varint(bytes) else { return Some(None) };
+        let found = match tag & 7 {
+            0 => varint(rest).map(|(number, rest)| (Field::Number(number), rest)),
+            1 => rest.get(8..).map(|rest| (Field::Fixed, rest)),
+            2 => inside(rest).map(|(inner, rest)| (Field::Bytes(inner), rest)),
+            5 => rest.get(4..).map(|rest| (Field::Fixed, rest)),
             _ => None,
         };
-        let Some(after) = after else { return false };
-        seen(field);
-        bytes = after;
+        Some(found.map(|(value, rest)| {
+            self.0 = rest;
+            (tag >> 3, value)
+        }))
     }
-    true
 }
 
 /// What a length announces, and what follows it.
@@ -76,7 +101,7 @@ fn inside(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
 }
 
 /// A number of seven bits a byte, the last without the highest bit; and what follows it.
-fn varint(bytes: &[u8]) -> Option<(u64, &[u8])> {
+pub(super) fn varint(bytes: &[u8]) -> Option<(u64, &[u8])> {
     let end = bytes.iter().take(10).position(|byte| byte & 0x80 == 0)?;
     let number = bytes[..=end].iter().rev().fold(0, |number, byte| number << 7 | u64::from(byte & 0x7f));
     Some((number, &bytes[end + 1..]))

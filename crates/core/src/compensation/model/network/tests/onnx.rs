@@ -71,6 +71,54 @@ fn what_is_no_network_of_one_number_is_refused() {
     }
 }
 
+/// Each of these is some kilobytes, and none may take the memory, or the time, that it asks for.
+#[test]
+fn a_small_file_that_asks_for_much_is_refused_before_it_gets_it() {
+    use encode::{model, node, tensor};
+    let zeros = [0.0; 10_000];
+    let column = tensor("column", &[10_000, 1], &zeros);
+    let row = tensor("row", &[1, 10_000], &zeros);
+    let sum = |operator: &str| {
+        let nodes = [node(operator, &["column", "row"], "large"), node("MatMul", &["x", "large"], "y")];
+        model(&nodes, &[column.clone(), row.clone()], Some(1))
+    };
+    let doubled = |operator: &str| {
+        let name = |place: usize| if place == 0 { "x".to_owned() } else { format!("h{place}") };
+        let step = |place: usize| node(operator, &[&name(place), &name(place)], &name(place + 1));
+        model(&(0..40).map(step).collect::<Vec<_>>(), &[], Some(1))
+    };
+    let claimed =
+        model(&[node("MatMul", &["x", "w"], "y")], &[tensor("w", &[1 << 30, 1 << 30], &[])], Some(1));
+    let nothing = model(&[node("MatMul", &["x", "w"], "y")], &[tensor("w", &[0, 1 << 60], &[])], Some(1));
+    for (bytes, words) in [
+        (sum("Add"), ["its node Add of `large` makes it 100000000 numbers", "at most"]),
+        (sum("MatMul"), ["its node MatMul of `large` makes it 100000000 numbers", "at most"]),
+        (doubled("Concat"), ["its node Concat", "at most"]),
+        (claimed, ["its tensor `w` says that it has 1152921504606846976 numbers", "the file has"]),
+        (nothing, ["its tensor `w` says that it has 1152921504606846976 numbers", "the file has"]),
+    ] {
+        let why = Onnx::new(bytes, 1).unwrap_err();
+        assert!(words.iter().all(|word| why.contains(word)), "{why}");
+    }
+}
+
+#[test]
+fn a_node_may_take_one_tensor_twice() {
+    let square = encode::model(&[encode::node("Mul", &["x", "x"], "y")], &[], Some(1));
+    close(Onnx::new(square, 1).unwrap().output(&[1.5]), 2.25);
+}
+
+#[test]
+fn a_shape_that_comes_out_of_the_input_is_refused() {
+    use encode::{model, node, tensor};
+    let moved = [node("Squeeze", &["w", "x"], "s"), node("MatMul", &["s", "w"], "y")];
+    let why = Onnx::new(model(&moved, &[tensor("w", &[1, 1], &[1.0])], Some(1)), 1).unwrap_err();
+    assert!(
+        why.contains("node Squeeze of `s` has a shape that depends on the numbers of the input"),
+        "{why}"
+    );
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
 

@@ -1,0 +1,211 @@
+//! A graph is tried node by node before it runs, for a small file may ask for any memory and any time: a number is added to
+//! itself in a row and a column of ten thousand, a tensor is put beside itself forty times.
+//!
+//! Before each node runs, what it will compute follows from the shapes of what it takes, which have been computed by then.
+//! As long as no shape depends on the numbers of the input, every later run has the same shapes.
+
+use std::collections::{BTreeSet, HashMap};
+
+use rten::{Dimension, NodeId, RunOptions, Value, ValueOrView};
+use rten_tensor::prelude::*;
+
+use super::frame::{Field, Fields, varint};
+use super::{Graph, caught};
+
+/// A network takes each of its weights once, and a weight has a byte at least: so many numbers of a byte of the file …
+const PER_BYTE: u64 = 2;
+/// … and so many beside them are computed, in one run.
+const BESIDE: u64 = 1_000_000;
+
+/// What the file says of one operator.
+#[derive(Default)]
+struct Node<'a> {
+    operator: &'a str,
+    inputs: Vec<&'a str>,
+    output: &'a str,
+    /// Of a Gemm: its first, and its second factor are transposed.
+    transposed: [bool; 2],
+}
+
+/// A tensor that was computed, and whether the numbers of the input are in it.
+struct Computed {
+    value: Value,
+    varies: bool,
+}
+
+/// Refuses tensors that say they have more numbers than the file has bytes.
+///
+/// # Errors
+/// A sentence that names the tensor.
+pub(super) fn check_tensors(bytes: &[u8]) -> Result<(), String> {
+    let attributes =
+        operators(bytes).flat_map(|node| parts(node, 5)).flat_map(|attribute| parts(attribute, 5));
+    for tensor in graph(bytes).flat_map(|graph| parts(graph, 5)).chain(attributes) {
+        let asks = sizes(tensor).into_iter().fold(1, |all: u64, size| all.saturating_mul(size.max(1)));
+        if asks > bytes.len() as u64 {
+            let name = parts(tensor, 8).last().map(text).unwrap_or_default();
+            return Err(format!(
+                "its tensor `{name}` says that it has {asks} numbers, and the file has {} bytes",
+                bytes.len()
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Runs every node once, with the input at zero.
+///
+/// # Errors
+/// A sentence: a node asks for more than such a file may, or cannot be computed.
+pub(super) fn run(bytes: &[u8], graph: &Graph, input: Value, options: &RunOptions) -> Result<(), String> {
+    let Graph { model, .. } = graph;
+    let may = (bytes.len() as u64).saturating_mul(PER_BYTE).saturating_add(BESIDE);
+    let named = |id: NodeId| model.node_info(id).and_then(|node| node.name()).unwrap_or_default();
+    let ids = [(named(graph.input), graph.input), (named(graph.output), graph.output)];
+    // An operator may have the name of the output.
+    let id = |name: &str| {
+        ids.iter().find(|(known, _)| *known == name).map(|(_, id)| *id).or_else(|| model.find_node(name))
+    };
+    let mut computed = HashMap::from([(ids[0].0, Computed { value: input, varies: true })]);
+    let mut all = 0u64;
+    for node in operators(bytes).map(node).filter(|node| node.operator != "Constant") {
+        let Node { operator, output, .. } = node;
+        let refused = |why: &str| Err(format!("its node {operator} of `{output}` {why}"));
+        let varies = |name: &&str| computed.get(*name).is_some_and(|known| known.varies);
+        if SHAPED.contains(&operator) && node.inputs.iter().skip(1).any(&varies) {
+            return refused("has a shape that depends on the numbers of the input");
+        }
+        let shape = |name: &&str| match computed.get(*name) {
+            Some(known) => Some(known.value.shape().to_vec()),
+            None => fixed(model.node_info(id(name)?)?.shape()?),
+        };
+        let taken: Vec<&str> = node.inputs.iter().copied().filter(|name| !name.is_empty()).collect();
+        let Some(shapes) = taken.iter().map(shape).collect::<Option<Vec<_>>>() else {
+            return refused("takes what no node before it gives");
+        };
+        all = all.saturating_add(asks(&node, &shapes));
+        if all > may {
+            return refused(&format!(
+                "makes it {all} numbers that one run computes: of a file of {} bytes at most {may} are computed",
+                bytes.len()
+            ));
+        }
+        let known = |name: &str| Some((id(name)?, ValueOrView::from(computed.get(name)?.value.as_view())));
+        let each: BTreeSet<&str> = taken.iter().copied().collect();
+        let inputs: Vec<(NodeId, ValueOrView<'_>)> = each.into_iter().filter_map(known).collect();
+        let Some(wanted) = id(output) else { return refused("gives nothing that has a name") };
+        let [value] = caught(|| model.run_n(inputs, [wanted], Some(options.clone())))?
+            .map_err(|why| format!("it cannot be computed: {why}"))?;
+        let varies = taken.iter().any(varies);
+        if computed.insert(output, Computed { value, varies }).is_some() {
+            return refused("gives what another gives, too");
+        }
+    }
+    Ok(())
+}
+
+/// Operators that are told a shape, or a part of one, by what they take beside the first.
+const SHAPED: [&str; 4] = ["Reshape", "Squeeze", "Unsqueeze", "ReduceSum"];
+
+/// How many numbers a node computes at most, and multiplies for them.
+fn asks(node: &Node<'_>, shapes: &[Vec<usize>]) -> u64 {
+    let product = |shape: &[usize]| shape.iter().fold(1, |all: u64, size| all.saturating_mul(*size as u64));
+    match (node.operator, shapes) {
+        ("MatMul" | "Gemm", [first, second, ..]) => {
+            let (first, rows, shared) = matrix(first, node.transposed[0], [1, 0]);
+            let (second, _, columns) = matrix(second, node.transposed[1], [0, 1]);
+            product(&broadcast([first, second].into_iter())).saturating_mul(product(&[rows, shared, columns]))
+        }
+        ("Concat", shapes) => shapes.iter().fold(0, |all, shape| all.saturating_add(product(shape))),
+        ("Gather", shapes) => shapes.iter().fold(1, |all, shape| all.saturating_mul(product(shape).max(1))),
+        (_, shapes) => product(&broadcast(shapes.iter().map(Vec::as_slice))),
+    }
+}
+
+/// How many matrices there are, as a shape, and their rows and columns. A vector is a row, or, where `vector` says so, a
+/// column.
+fn matrix(shape: &[usize], transposed: bool, vector: [usize; 2]) -> (&[usize], usize, usize) {
+    let (rows, columns) = match shape {
+        [] => (1, 1),
+        [only] if vector == [1, 0] => (1, *only),
+        [only] => (*only, 1),
+        [.., rows, columns] if transposed => (*columns, *rows),
+        [.., rows, columns] => (*rows, *columns),
+    };
+    (&shape[..shape.len().saturating_sub(2)], rows, columns)
+}
+
+/// The shape of what is computed of these element by element.
+fn broadcast<'s>(shapes: impl Iterator<Item = &'s [usize]>) -> Vec<usize> {
+    shapes.fold(Vec::new(), |mut all, shape| {
+        let missing = shape.len().saturating_sub(all.len());
+        all.splice(0..0, std::iter::repeat_n(1, missing));
+        all.iter_mut().rev().zip(shape.iter().rev()).for_each(|(size, other)| *size = (*size).max(*other));
+        all
+    })
+}
+
+fn fixed(shape: Vec<Dimension>) -> Option<Vec<usize>> {
+    let size = |dimension| match dimension {
+        Dimension::Fixed(size) => Some(size),
+        Dimension::Symbolic(_) => None,
+    };
+    shape.into_iter().map(size).collect()
+}
+
+// ---- what the file says, by the numbers of `onnx.proto` ----------------------------------------------------------------
+
+fn graph(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
+    parts(bytes, 7)
+}
+
+fn operators(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
+    graph(bytes).flat_map(|graph| parts(graph, 1))
+}
+
+/// The fields of this number that hold bytes.
+fn parts(message: &[u8], wanted: u64) -> impl Iterator<Item = &[u8]> {
+    Fields(message).flatten().filter_map(move |(field, value)| match value {
+        Field::Bytes(inner) if field == wanted => Some(inner),
+        _ => None,
+    })
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).unwrap_or_default()
+}
+
+fn node(message: &[u8]) -> Node<'_> {
+    let is_set = |name: &str| {
+        let of_name = |attribute: &&[u8]| parts(attribute, 1).last().is_some_and(|own| text(own) == name);
+        parts(message, 5).filter(of_name).any(|attribute| {
+            Fields(attribute)
+                .flatten()
+                .any(|found| matches!(found, (3, Field::Number(number)) if number != 0))
+        })
+    };
+    Node {
+        operator: parts(message, 4).last().map(text).unwrap_or_default(),
+        inputs: parts(message, 1).map(text).collect(),
+        output: parts(message, 2).next().map(text).unwrap_or_default(),
+        transposed: [is_set("transA"), is_set("transB")],
+    }
+}
+
+/// The sizes of a tensor's dimensions, one by one or packed.
+fn sizes(tensor: &[u8]) -> Vec<u64> {
+    let mut sizes = Vec::new();
+    for (_, value) in Fields(tensor).flatten().filter(|(field, _)| *field == 1) {
+        match value {
+            Field::Number(size) => sizes.push(size),
+            Field::Bytes(mut packed) => {
+                while let Some((size, rest)) = varint(packed) {
+                    sizes.push(size);
+                    packed = rest;
+                }
+            }
+            Field::Fixed => {}
+        }
+    }
+    sizes
+}

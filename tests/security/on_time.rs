@@ -1,0 +1,113 @@
+//! The measure of every attack: meanwhile the machine is held on time.
+
+use std::net::TcpListener;
+use std::sync::LazyLock;
+use std::time::Duration;
+
+use isotherm::gateway::Options;
+use isotherm_core::quantity::Moment;
+
+use crate::device::gateway::beside;
+use crate::device::{Device, Seen, State, Times, What, profile};
+use crate::rig::Machine;
+
+/// Polls stay within this of their time, whoever attacks.
+const WITHIN: Duration = Duration::from_millis(50);
+
+/// As long as this lives, the device is polled on time, by its own clock: else the test fails where it ends.
+pub(crate) struct OnTime {
+    device: Device,
+    every: Duration,
+    from: Moment,
+}
+
+impl OnTime {
+    /// From the next poll on.
+    pub(crate) fn from_now(device: &Device, every: Duration) -> OnTime {
+        next_poll(&CONTROL.0);
+        OnTime { device: device.clone(), every, from: next_poll(device) }
+    }
+
+    /// The polls that came later than they may, where this computer itself was not late.
+    fn late(&self) -> Vec<String> {
+        let polls: Vec<Moment> =
+            polls(&self.device.state()).into_iter().filter(|at| *at >= self.from).collect();
+        let gaps = polls.windows(2).filter_map(|pair| {
+            let [one, next] = [pair[0], pair[1]];
+            let over = next.since(one).saturating_sub(self.every);
+            let excused = CONTROL.worst(one, next);
+            (over > WITHIN + excused).then(|| format!("{over:?} late at {next}, the computer {excused:?}"))
+        });
+        gaps.collect()
+    }
+}
+
+impl Drop for OnTime {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            next_poll(&self.device);
+            let late = self.late();
+            assert!(late.is_empty(), "{late:#?}");
+        }
+    }
+}
+
+/// When the device was polled.
+pub(crate) fn polls(state: &State) -> Vec<Moment> {
+    let is_poll = |seen: &&Seen| matches!(seen.what, What::Asked { .. });
+    state.seen.iter().filter(is_poll).map(|seen| seen.at).collect()
+}
+
+fn next_poll(device: &Device) -> Moment {
+    let now = device.now();
+    let next = |state: &State| polls(state).last().copied().filter(|at| *at >= now);
+    device.wait(Duration::from_secs(30), next).expect("the device is polled no more")
+}
+
+/// A machine that nobody attacks, held by a gateway in this process: as late as its polls come, so late does this computer let
+/// anybody's be.
+struct Control(Device);
+
+/// It is polled more often than any other: whatever delays one of theirs is to be seen in one of its own.
+const CONTROLS: Duration = Duration::from_millis(50);
+/// What delays the one delays the other a moment before or after it.
+const BESIDE: Duration = Duration::from_secs(1);
+
+static CONTROL: LazyLock<Control> = LazyLock::new(|| {
+    let device = Device::listen(TcpListener::bind("127.0.0.1:0").unwrap(), Duration::ZERO);
+    let times = Times { timeout: Duration::from_secs(1), every: CONTROLS, max_age: Duration::from_secs(5) };
+    let text = profile(device.address(), times).replace("\"100ms\" }", "\"1ms\" }");
+    // Until this process ends.
+    std::thread::spawn(move || {
+        beside(&text, Options::default(), |_| {
+            loop {
+                std::thread::park()
+            }
+        })
+    });
+    Control(device)
+});
+
+impl Control {
+    /// The latest that it was polled about this span.
+    fn worst(&self, from: Moment, to: Moment) -> Duration {
+        let (from, to) = (from.before(BESIDE), to.after(BESIDE));
+        let polls = polls(&self.0.state());
+        let about = polls.windows(2).filter(|pair| pair[1] >= from && pair[0] <= to);
+        about.map(|pair| pair[1].since(pair[0]).saturating_sub(CONTROLS)).max().unwrap_or_default()
+    }
+}
+
+#[test]
+fn a_machine_whose_gateway_stands_still_for_a_second_is_not_held_on_time() {
+    let machine = Machine::start(None, &[], "");
+    let on_time = machine.on_time();
+    assert_eq!(on_time.late(), [""; 0]);
+    machine.gateway.stands_still();
+    std::thread::sleep(Duration::from_secs(1));
+    machine.gateway.goes_on();
+    next_poll(&machine.device);
+    assert_ne!(on_time.late(), [""; 0]);
+    // It would fail this test, too.
+    std::mem::forget(on_time);
+}
