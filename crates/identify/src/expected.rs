@@ -30,7 +30,7 @@ pub struct Expected {
     pub since_touch: Growth,
 }
 
-/// How much of a held-out run was where it was expected.
+/// How much of a held-out run was where the other ones say that it may be expected.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Inside {
     /// Share of the rows inside one time what was expected, 0 to 1: 0.68 for normal errors.
@@ -49,15 +49,16 @@ pub(crate) fn expected(held_out: &[HeldOut]) -> Option<Expected> {
     Some(Expected { since_datum: all(since_datum)?, since_touch: all(since_touch)? })
 }
 
-/// How much of each of these runs is where it is expected.
-pub(crate) fn inside(expected: &Expected, held: &HeldOut) -> Inside {
-    let [a, b] = expected.since_datum;
-    let rows = since_datum(held);
+/// How much of this run is where the others say that it may be expected; `None` where it is alone, or they say nothing.
+pub(crate) fn inside(held_out: &[HeldOut], run: usize) -> Option<Inside> {
+    let others = held_out.iter().enumerate().filter(|(other, _)| *other != run);
+    let [a, b] = growth(others.flat_map(|(_, held)| since_datum(held)).collect())?;
+    let rows = since_datum(held_out.get(run)?);
     let within = |times: f64| {
         let inside = rows.iter().filter(|(hours, square, _)| *square <= times * times * (a * hours + b));
         count(inside.count()) / count(rows.len()).max(1.0)
     };
-    Inside { inside_1: within(1.0), inside_2: within(2.0) }
+    Some(Inside { inside_1: within(1.0), inside_2: within(2.0) })
 }
 
 fn since_datum(held: &HeldOut) -> Vec<Row> {

@@ -200,8 +200,8 @@ pub fn identify(
     let error = campaign.dataset.columns[campaign.error].name.clone();
     let mut runs: Vec<RunScore> = held_out.iter().map(|held| held.score.clone()).collect();
     let expected = expected(&held_out);
-    for (run, held) in runs.iter_mut().zip(&held_out) {
-        run.expected_um = expected.map(|expected| inside(&expected, held));
+    for (place, run) in runs.iter_mut().enumerate() {
+        run.expected_um = inside(&held_out, place);
     }
     let irreplaceable = irreplaceable(&stand_ins, &fallbacks, &Means::of(&runs));
     let is_worse = |run: &&RunScore| run.range_um > run.uncompensated_range_um;

@@ -217,7 +217,7 @@ pub(super) fn expected(found: &Identified) -> Markup {
         }
         (table(&["after", "since the datum", "since a touch"], &rows))
         p .quiet {
-            "Inside one and two times: "
+            "Inside one and two times what the other runs let expect: "
             (shares.map(|(run, inside)| format!("{} {} and {} %", run.name, decimals(100.0 * inside.inside_1, 0), decimals(100.0 * inside.inside_2, 0))).collect::<Vec<_>>().join("; ")) "."
         }
         @if !found.outside_runs.is_empty() {
