@@ -28,12 +28,23 @@ pub(crate) fn network(mean: &[f64], scale: &[f64], layers: &[Dense<'_>], columns
 
 /// The bytes of a file with these nodes and tensors, from `x`, one row, to `y`.
 pub(crate) fn model(nodes: &[Vec<u8>], tensors: &[Vec<u8>], columns: Option<u64>) -> Vec<u8> {
+    declaring(&[], nodes, tensors, columns)
+}
+
+/// The same, where the file says of the tensors of these names that they are a row of two whole numbers.
+pub(crate) fn declaring(
+    names: &[&str],
+    nodes: &[Vec<u8>],
+    tensors: &[Vec<u8>],
+    columns: Option<u64>,
+) -> Vec<u8> {
     let mut graph = Vec::new();
     nodes.iter().for_each(|node| field(&mut graph, 1, node));
     field(&mut graph, 2, b"net");
     tensors.iter().for_each(|tensor| field(&mut graph, 5, tensor));
-    field(&mut graph, 11, &value("x", columns));
-    field(&mut graph, 12, &value("y", Some(1)));
+    field(&mut graph, 11, &value("x", 1, columns));
+    field(&mut graph, 12, &value("y", 1, Some(1)));
+    names.iter().for_each(|name| field(&mut graph, 13, &value(name, 7, Some(2))));
     let mut opset = Vec::new();
     number(&mut opset, 2, 17);
     let mut model = Vec::new();
@@ -49,12 +60,14 @@ pub(crate) fn node(operator: &str, inputs: &[&str], output: &str) -> Vec<u8> {
     field(&mut node, 2, output.as_bytes());
     field(&mut node, 3, format!("{operator}_{output}").as_bytes());
     field(&mut node, 4, operator.as_bytes());
-    if operator == "Concat" {
-        let mut axis = Vec::new();
-        field(&mut axis, 1, b"axis");
-        number(&mut axis, 3, 1);
-        number(&mut axis, 20, 2);
-        field(&mut node, 5, &axis);
+    // The second dimension, and whole numbers.
+    let attributes: [(&str, &[u8], u64); 2] = [("Concat", b"axis", 1), ("Cast", b"to", 7)];
+    for (_, name, value) in attributes.iter().filter(|(of, ..)| *of == operator) {
+        let mut attribute = Vec::new();
+        field(&mut attribute, 1, name);
+        number(&mut attribute, 3, *value);
+        number(&mut attribute, 20, 2);
+        field(&mut node, 5, &attribute);
     }
     node
 }
@@ -70,8 +83,8 @@ pub(crate) fn tensor(name: &str, shape: &[usize], values: &[f64]) -> Vec<u8> {
     tensor
 }
 
-/// A tensor of numbers in single precision with one row.
-fn value(name: &str, columns: Option<u64>) -> Vec<u8> {
+/// A tensor with one row. `kind`: 1 for numbers in single precision, 7 for whole ones.
+fn value(name: &str, kind: u64, columns: Option<u64>) -> Vec<u8> {
     let (mut rows, mut width) = (Vec::new(), Vec::new());
     number(&mut rows, 1, 1);
     match columns {
@@ -82,13 +95,13 @@ fn value(name: &str, columns: Option<u64>) -> Vec<u8> {
     field(&mut shape, 1, &rows);
     field(&mut shape, 1, &width);
     let mut tensor = Vec::new();
-    number(&mut tensor, 1, 1);
+    number(&mut tensor, 1, kind);
     field(&mut tensor, 2, &shape);
-    let mut kind = Vec::new();
-    field(&mut kind, 1, &tensor);
+    let mut of_tensor = Vec::new();
+    field(&mut of_tensor, 1, &tensor);
     let mut value = Vec::new();
     field(&mut value, 1, name.as_bytes());
-    field(&mut value, 2, &kind);
+    field(&mut value, 2, &of_tensor);
     value
 }
 

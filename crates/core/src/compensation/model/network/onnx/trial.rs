@@ -4,7 +4,7 @@
 //! Before each node runs, what it will compute follows from the shapes of what it takes, which have been computed by then.
 //! As long as no shape depends on the numbers of the input, every later run has the same shapes.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeSet, HashMap, HashSet};
 
 use rten::{Dimension, NodeId, RunOptions, Value, ValueOrView};
 use rten_tensor::prelude::*;
@@ -66,6 +66,7 @@ pub(super) fn run(bytes: &[u8], graph: &Graph, input: Value, options: &RunOption
     let id = |name: &str| {
         ids.iter().find(|(known, _)| *known == name).map(|(_, id)| *id).or_else(|| model.find_node(name))
     };
+    let fixed: HashSet<&str> = given(bytes).collect();
     let mut computed = HashMap::from([(ids[0].0, Computed { value: input, varies: true })]);
     let mut all = 0u64;
     for node in operators(bytes).map(node).filter(|node| node.operator != "Constant") {
@@ -77,7 +78,9 @@ pub(super) fn run(bytes: &[u8], graph: &Graph, input: Value, options: &RunOption
         }
         let shape = |name: &&str| match computed.get(*name) {
             Some(known) => Some(known.value.shape().to_vec()),
-            None => fixed(model.node_info(id(name)?)?.shape()?),
+            // The runtime knows of every tensor from the beginning, also of what a later node gives.
+            None if fixed.contains(name) => sizes_of(model.node_info(id(name)?)?.shape()?),
+            None => None,
         };
         let taken: Vec<&str> = node.inputs.iter().copied().filter(|name| !name.is_empty()).collect();
         let Some(shapes) = taken.iter().map(shape).collect::<Option<Vec<_>>>() else {
@@ -97,7 +100,7 @@ pub(super) fn run(bytes: &[u8], graph: &Graph, input: Value, options: &RunOption
         let [value] = caught(|| model.run_n(inputs, [wanted], Some(options.clone())))?
             .map_err(|why| format!("it cannot be computed: {why}"))?;
         let varies = taken.iter().any(varies);
-        if computed.insert(output, Computed { value, varies }).is_some() {
+        if computed.insert(output, Computed { value, varies }).is_some() || fixed.contains(output) {
             return refused("gives what another gives, too");
         }
     }
@@ -145,7 +148,7 @@ fn broadcast<'s>(shapes: impl Iterator<Item = &'s [usize]>) -> Vec<usize> {
     })
 }
 
-fn fixed(shape: Vec<Dimension>) -> Option<Vec<usize>> {
+fn sizes_of(shape: Vec<Dimension>) -> Option<Vec<usize>> {
     let size = |dimension| match dimension {
         Dimension::Fixed(size) => Some(size),
         Dimension::Symbolic(_) => None,
@@ -161,6 +164,13 @@ fn graph(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
 
 fn operators(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
     graph(bytes).flat_map(|graph| parts(graph, 1))
+}
+
+/// The names of what stands in the file itself.
+fn given(bytes: &[u8]) -> impl Iterator<Item = &str> {
+    let tensors = graph(bytes).flat_map(|graph| parts(graph, 5)).filter_map(|tensor| parts(tensor, 8).last());
+    let constants = operators(bytes).filter(|message| node(message).operator == "Constant");
+    tensors.map(text).chain(constants.map(|message| node(message).output))
 }
 
 /// The fields of this number that hold bytes.

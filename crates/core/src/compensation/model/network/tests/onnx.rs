@@ -117,6 +117,27 @@ fn a_shape_that_comes_out_of_the_input_is_refused() {
         why.contains("node Squeeze of `s` has a shape that depends on the numbers of the input"),
         "{why}"
     );
+    // Listed behind the node that takes it, what comes out of the input looks as if the file held it.
+    let mut nodes = [
+        node("Cast", &["x"], "whole"),
+        node("Squeeze", &["whole"], "shape"),
+        node("Reshape", &["x", "shape"], "moved"),
+        node("MatMul", &["moved", "w"], "y"),
+    ];
+    let weights = [tensor("w", &[2, 1], &[1.0, 1.0])];
+    for words in ["has a shape that depends on the numbers of the input", "takes what no node before it gives"] {
+        let why = Onnx::new(encode::declaring(&["shape"], &nodes, &weights, Some(2)), 2).unwrap_err();
+        assert!(why.contains(&format!("node Reshape of `moved` {words}")), "{why}");
+        nodes.swap(1, 2);
+    }
+}
+
+#[test]
+fn a_node_that_gives_what_the_file_holds_already_is_refused() {
+    use encode::{model, node, tensor};
+    let nodes = [node("Identity", &["x"], "w"), node("MatMul", &["x", "w"], "y")];
+    let why = Onnx::new(model(&nodes, &[tensor("w", &[1, 1], &[1.0])], Some(1)), 1).unwrap_err();
+    assert!(why.contains("`w` gives what another gives, too"), "{why}");
 }
 
 proptest! {
