@@ -113,7 +113,10 @@ impl Site {
         let from: IpAddr = from.parse().unwrap();
         let socket = Socket::new(Domain::IPV4, Type::STREAM, None).unwrap();
         socket.bind(&SocketAddr::from((from, 0)).into()).unwrap();
-        socket.connect(&self.address.into()).unwrap();
+        // From another address than loopback to that address.
+        let to =
+            if from.is_loopback() { self.address } else { SocketAddr::from((from, self.address.port())) };
+        socket.connect(&to.into()).unwrap();
         let stream = TcpStream::from(socket);
         stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
         stream

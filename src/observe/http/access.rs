@@ -12,12 +12,11 @@
 //! it were ours (DNS rebinding), but it cannot do so with an address.
 
 use std::net::{IpAddr, SocketAddr};
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use axum::extract::{ConnectInfo, Request, State};
-use axum::http::{HeaderMap, HeaderName, Method, header};
+use axum::http::{HeaderMap, HeaderName, Method, Version, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use isotherm_profile::Commands;
@@ -26,15 +25,14 @@ use super::Room;
 use super::admission::Admission;
 use super::peer::Peer;
 use super::refusal::{Counts, Refusal};
-use super::refusals::{Refusals, Told};
+use super::refusals::{Refusals, Reports, Told};
 use super::tokens::{Change, Role, Tokens, random};
 use super::visits::{Key, Visits};
 use crate::clock::Passing;
 use crate::observe::asker::{Asker, Way};
 use crate::observe::events::{Event, PageToken};
+use crate::observe::status::Command;
 
-/// How often it is reported that a command was turned away, in seconds.
-const REPORTED_EVERY_S: u64 = 10;
 /// How often it is looked whether a token is another one, and whether wrong ones are to be told.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// Of them the page to sign in is made.
@@ -75,8 +73,8 @@ pub(super) struct Access {
     visits: Mutex<Visits>,
     refusals: Mutex<Refusals>,
     pub(super) refused: Counts,
-    /// When a command was turned away that was reported, in seconds since the computer was started.
-    reported: AtomicU64,
+    /// Of commands that were turned away.
+    reports: Mutex<Reports>,
 }
 
 /// Lets a request through, or answers why not.
@@ -97,8 +95,11 @@ pub(super) async fn check(
         Err(refusal) => refusal,
     };
     room.access.refused.count(refusal.why());
-    let command = request.uri().path().strip_prefix("/api/");
-    if let Some(command) = command.filter(|_| changes(&request) && room.access.may_report()) {
+    // Of wrong tokens it is told once a minute how many they were.
+    let is_told_otherwise = matches!(refusal, Refusal::WrongToken | Refusal::TooManyWrong(_));
+    let is_command = changes(&request) && request.uri().path().starts_with("/api/");
+    if is_command && !is_told_otherwise && lock(&room.access.reports).take(peer.ip(), now()) {
+        let command = named(request.uri().path());
         room.source.turned_away(command, &peer.asker(request.headers()), &refusal.message());
     }
     if refusal.is_mended_by_signing_in() && super::login::is_asked_by_a_person(&request) {
@@ -109,6 +110,17 @@ pub(super) async fn check(
 
 fn changes(request: &Request) -> bool {
     !matches!(*request.method(), Method::GET | Method::HEAD)
+}
+
+/// The name of a command as it stands in events. A path that nobody knows is not repeated there: it may be as long as a head.
+fn named(path: &str) -> &'static str {
+    let path = path.strip_prefix("/api/").unwrap_or_default();
+    match Command::ALL.into_iter().find(|(name, _)| *name == path) {
+        Some((name, _)) => name,
+        None if path == "acknowledge" => "acknowledge",
+        None if path.starts_with("axes/") && path.ends_with("/measured") => "measured",
+        None => "something unknown",
+    }
 }
 
 fn now() -> Duration {
@@ -126,16 +138,8 @@ impl Access {
             visits: Mutex::default(),
             refusals: Mutex::default(),
             refused: Counts::default(),
-            reported: AtomicU64::default(),
+            reports: Mutex::default(),
         }
-    }
-
-    /// One that was turned away is reported once in a while: who guesses tokens must not fill the disk with it.
-    fn may_report(&self) -> bool {
-        let now = now().as_secs();
-        let last = self.reported.load(Ordering::Relaxed);
-        let is_due = last == 0 || now >= last + REPORTED_EVERY_S;
-        is_due && self.reported.compare_exchange(last, now, Ordering::Relaxed, Ordering::Relaxed).is_ok()
     }
 
     /// Reads tokens anew and tells of wrong ones, for ever.
@@ -230,7 +234,7 @@ impl Access {
     fn judge(&self, request: &Request, peer: IpAddr) -> Result<Pass, Refusal> {
         let (headers, changes) = (request.headers(), changes(request));
         let Some(pass) = self.who(request, peer)? else {
-            let is_named = self.tokens.any() || !is_local(peer, headers) || self.knows_host(headers);
+            let is_named = self.tokens.any() || !is_local(request, peer) || self.knows_host(headers);
             return Err(match () {
                 () if !is_named => Refusal::StrangeHost,
                 () if changes && !self.has_operator() => Refusal::NoOperator,
@@ -265,7 +269,7 @@ impl Access {
         let visit = |key| Some(Pass { role: self.visit(key, uses)?, by: By::Visit(key) });
         let visit = self.keys(headers).into_iter().find_map(visit);
         let may_command = visit.is_some_and(|pass| pass.role == Role::Operator);
-        let here = if may_command { None } else { self.role_here(headers, peer) };
+        let here = if may_command { None } else { self.role_here(request, peer) };
         Ok(here
             .map(|role| Pass { role, by: By::Place })
             .filter(|here| visit.is_none_or(|visit| here.role > visit.role))
@@ -273,8 +277,8 @@ impl Access {
     }
 
     /// What everybody on this computer may.
-    fn role_here(&self, headers: &HeaderMap, peer: IpAddr) -> Option<Role> {
-        if !is_local(peer, headers) || !self.knows_host(headers) {
+    fn role_here(&self, request: &Request, peer: IpAddr) -> Option<Role> {
+        if !is_local(request, peer) || !self.knows_host(request.headers()) {
             return None;
         }
         match self.commands {
@@ -337,13 +341,15 @@ fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Nobody else has sent it on, as far as it says.
-fn is_local(peer: IpAddr, headers: &HeaderMap) -> bool {
+/// Nobody else has sent it on, as far as it says. HTTP/1.0 is what a proxy speaks that says nothing of itself (nginx, unless it
+/// is told otherwise); browsers and programs of today do not.
+fn is_local(request: &Request, peer: IpAddr) -> bool {
     let was_sent_on = |name: &HeaderName| {
         let name = name.as_str();
         name.starts_with("x-forwarded") || ["forwarded", "x-real-ip", "via"].contains(&name)
     };
-    peer.to_canonical().is_loopback() && !headers.keys().any(was_sent_on)
+    let is_of_today = request.version() > Version::HTTP_10;
+    is_of_today && peer.to_canonical().is_loopback() && !request.headers().keys().any(was_sent_on)
 }
 
 fn text<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {

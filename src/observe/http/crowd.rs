@@ -35,7 +35,7 @@ impl Limits {
     pub fn of(connections: usize) -> Limits {
         Limits {
             connections,
-            of_one_address: (connections - connections / 4).min(16),
+            of_one_address: (connections - connections.div_ceil(4)).clamp(1, 16),
             streams: connections.div_ceil(2),
             head: Duration::from_secs(10),
             body: Duration::from_secs(10),
@@ -89,7 +89,8 @@ impl Drop for Place {
     }
 }
 
-/// By what a peer is counted: whoever has an IPv6 address has a whole network of them.
+/// By what a peer is counted: whoever has an IPv6 address has a whole network of them. Each address of this computer is counted
+/// for itself: whoever is here already can take more of it than the page's share.
 fn counted(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(address) if !address.is_loopback() => {
@@ -112,6 +113,17 @@ mod tests {
             ("10.0.0.7", "10.0.0.7"),
         ] {
             assert_eq!(counted(address.parse().unwrap()), as_this.parse::<IpAddr>().unwrap());
+        }
+    }
+
+    #[test]
+    fn one_address_never_has_all_where_there_are_two() {
+        for connections in 1..100 {
+            let Limits { of_one_address, .. } = Limits::of(connections);
+            assert!(
+                of_one_address >= 1 && (connections == 1 || of_one_address < connections),
+                "{connections}"
+            );
         }
     }
 

@@ -100,8 +100,8 @@ impl Refusal {
             }
             Refusal::StrangeOrigin => "Commands from a browser are taken only from the gateway's own page.",
             Refusal::NotFromHere => {
-                "Without a token this gateway answers only to the computer it runs on, and to no proxy. Start it with a \
-                 token to look from here."
+                "Without a token this gateway answers only to the computer it runs on, and to no proxy, nor to HTTP/1.0. \
+                 Start it with a token to look from here."
             }
         };
         text.to_owned()

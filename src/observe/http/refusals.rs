@@ -3,7 +3,7 @@
 //! The time is an argument: what has passed since the computer was started.
 
 use std::collections::HashMap;
-use std::net::{IpAddr, Ipv6Addr};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use std::time::Duration;
 
 /// So many wrong ones within [`SPAN`].
@@ -11,6 +11,27 @@ const MOST: u32 = 5;
 const SPAN: Duration = Duration::from_secs(60);
 /// So many addresses are remembered. Of more, those that were silent longest are forgotten.
 const ADDRESSES: usize = 4096;
+
+/// So many addresses are remembered of which a command was turned away.
+const REPORTED: usize = 6;
+
+/// When a command of an address was turned away that was reported. Each is reported once a minute: whoever knocks all the time
+/// neither fills the disk with it, nor keeps it from being known that somebody else does.
+#[derive(Debug, Default)]
+pub(super) struct Reports(Vec<(IpAddr, Duration)>);
+
+impl Reports {
+    /// Whether this one is to be reported. Of more addresses at once than are remembered those that came first are.
+    pub(super) fn take(&mut self, from: IpAddr, now: Duration) -> bool {
+        let from = household(from);
+        self.0.retain(|(_, reported)| now < *reported + SPAN);
+        let is_due = self.0.len() < REPORTED && self.0.iter().all(|(known, _)| *known != from);
+        if is_due {
+            self.0.push((from, now));
+        }
+        is_due
+    }
+}
 
 /// What came from an address.
 #[derive(Clone, Copy, Debug)]
@@ -100,9 +121,10 @@ impl Refusals {
     }
 }
 
-/// Of IPv6 somebody has a whole network of 2⁶⁴ addresses.
+/// Of IPv6 somebody has a whole network of 2⁶⁴ addresses, and whoever is on this computer all that begin with 127.
 fn household(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
+        address if address.is_loopback() => Ipv4Addr::LOCALHOST.into(),
         IpAddr::V6(address) => {
             let [a, b, c, d, ..] = address.segments();
             Ipv6Addr::new(a, b, c, d, 0, 0, 0, 0).into()
@@ -150,6 +172,28 @@ mod tests {
         assert!(refusals.may(from("2001:db8:0:8::1"), second(1)).is_ok());
         (0..5).for_each(|_| refusals.wrong(from("::ffff:10.0.0.7"), second(0)));
         assert!(refusals.may(from("10.0.0.7"), second(1)).is_err());
+    }
+
+    #[test]
+    fn this_computer_is_one_address_however_many_it_has() {
+        let mut refusals = Refusals::default();
+        for address in ["127.0.0.1", "127.0.0.2", "127.9.9.9", "::1", "::ffff:127.0.0.4"] {
+            refusals.wrong(from(address), second(0));
+        }
+        assert!(refusals.may(from("127.0.0.5"), second(1)).is_err());
+        assert!(refusals.may(from("::1"), second(1)).is_err());
+        assert!(refusals.may(from("::2"), second(1)).is_ok());
+    }
+
+    #[test]
+    fn each_address_is_reported_once_a_minute_and_six_of_all() {
+        let mut reports = Reports::default();
+        let mut due = |address: &str, at| reports.take(from(address), second(at));
+        assert!(due("10.0.0.7", 0) && due("10.0.0.8", 1));
+        assert!((2..60).all(|at| !due("10.0.0.7", at)));
+        assert!(due("10.0.0.7", 60));
+        assert_eq!((9..=255).filter(|host| due(&format!("10.0.0.{host}"), 60)).count(), 4);
+        assert!(due("10.0.0.9", 200));
     }
 
     #[test]

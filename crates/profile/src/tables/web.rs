@@ -172,7 +172,8 @@ impl RawWeb {
             at.key("viewer_token_file").wrong("it is the operator's token file", help);
         }
         if self.commands == Some(Commands::Local) {
-            let help = "leave it out, and give `token_file`: a file that `isotherm token --out FILE` makes";
+            let help = "leave it out, and give `token_file`: a file that `isotherm token --out FILE` makes. What comes over `ssh -L`, \
+                        socat, or a proxy that says nothing of itself looks as if it were from this computer";
             at.key("commands").warn("everybody on this computer may arm the axes through the page", help);
         }
     }
