@@ -52,13 +52,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
     };
     let (mut out, mut written, mut count) = (Out, Ok(()), 0_u64);
-    file::since(&directory, &machine, since, |found| match found {
-        Found::Damage(what) => say_beside!("warning: {what}"),
-        Found::Event(entry) if written.is_ok() => {
-            count += 1;
-            written = writeln!(out, "{}", if arguments.json { json(&entry) } else { line(&entry) });
+    file::since(&directory, &machine, since, |found| {
+        match found {
+            Found::Damage(what) => say_beside!("warning: {what}"),
+            Found::Event(entry) => {
+                count += 1;
+                written = writeln!(out, "{}", if arguments.json { json(&entry) } else { line(&entry) });
+            }
         }
-        Found::Event(_) => {}
+        written.is_ok()
     })
     .map_err(|error| anyhow::anyhow!("the events in {} cannot be read: {error}", directory.display()))?;
     written?;

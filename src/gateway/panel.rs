@@ -21,6 +21,7 @@ use crate::observe::status::{Answer, Command, Source, Status};
 use isotherm_core::compensation::{Measured, Refused, Snapshot};
 use isotherm_core::quantity::{Micron, Moment, time};
 use isotherm_profile::AxisId;
+use isotherm_profile::regular::quoted;
 
 /// What page, API and command socket have at hand: one hold to look, one to command.
 pub(super) struct Panel {
@@ -87,32 +88,33 @@ impl Source for Panel {
         self.page.shared.report(event);
     }
 
-    fn events(&self, since: Moment, found: &mut dyn FnMut(Found)) -> std::io::Result<()> {
+    fn events(&self, since: Moment, found: &mut dyn FnMut(Found) -> bool) -> std::io::Result<()> {
         self.page.events(since, found)
     }
 }
 
 impl PageHandle {
     /// What is on disk, and what is on its way there.
-    fn events(&self, since: Moment, found: &mut dyn FnMut(Found)) -> std::io::Result<()> {
+    fn events(&self, since: Moment, found: &mut dyn FnMut(Found) -> bool) -> std::io::Result<()> {
         let journal = &self.shared.journal;
         let is_since = |entry: &Entry| time::parse(&entry.at).is_ok_and(|at| at >= since);
         let Some(directory) = &self.directory else {
-            journal.read().0.into_iter().filter(is_since).for_each(|entry| found(Found::Event(entry)));
+            let _ = journal.read().0.into_iter().filter(is_since).all(|entry| found(Found::Event(entry)));
             return Ok(());
         };
         let unkept = journal.unkept(usize::MAX);
-        let mut kept_since = Vec::new();
+        let (mut kept_since, mut is_wanted) = (Vec::new(), true);
         file::since(directory, &self.shared.profile.name, since, |one| {
             if let Found::Event(entry) = &one
                 && unkept.contains(entry)
             {
                 kept_since.push(entry.clone());
             }
-            found(one);
+            is_wanted = found(one);
+            is_wanted
         })?;
         let unkept = unkept.into_iter().filter(|entry| is_since(entry) && !kept_since.contains(entry));
-        unkept.for_each(|entry| found(Found::Event(entry)));
+        let _ = is_wanted && unkept.map(Found::Event).all(found);
         Ok(())
     }
 }
@@ -273,7 +275,7 @@ impl CommandHandle {
         let place = axes.iter().position(|known| known.settings.name == axis);
         place.map(|place| vec![place]).ok_or_else(|| {
             let names: Vec<&str> = axes.iter().map(|axis| axis.settings.name.as_str()).collect();
-            format!("there is no axis {axis}; there are {}", names.join(", "))
+            format!("there is no axis {}; there are {}", quoted(axis), names.join(", "))
         })
     }
 
@@ -370,7 +372,8 @@ impl CommandHandle {
         if let Err(too_soon) = self.takes("acknowledge", &[about.unwrap_or(About::Alarm(String::new()))]) {
             return Ok(too_soon);
         }
-        let command = alarm.map_or("acknowledge".to_owned(), |alarm| format!("acknowledge {alarm}"));
+        let command =
+            alarm.map_or("acknowledge".to_owned(), |alarm| format!("acknowledge {}", quoted(alarm)));
         if let Some(why) = asker.has_lapsed() {
             let (way, who, said) = (asker.way, asker.who.clone(), format!("not done: {why}"));
             shared.report(&Event::CommandDropped { command, axes: Vec::new(), way, who, why });
@@ -399,7 +402,7 @@ impl CommandHandle {
             Some(error) => format!("measured {error} µm"),
             None => "measured clear".to_owned(),
         };
-        self.carry_out((command, vec![axis.to_owned()]), asker, String::as_str, |core| {
+        self.carry_out((command, vec![quoted(axis).into_owned()]), asker, String::as_str, |core| {
             let place = self.chosen(Some(axis))?[0];
             let settings = &shared.profile.axes[place];
             if settings.settings.probe.is_none() {

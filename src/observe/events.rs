@@ -13,6 +13,7 @@ use crate::clock::Correction;
 use data::{both_in_text, in_seconds, in_text};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::one_line;
+use isotherm_profile::regular::cut;
 
 mod alarms;
 mod data;
@@ -301,8 +302,9 @@ impl Event {
     pub fn entry(&self, at: Moment) -> Entry {
         let (kind, level, text) = self.described();
         // Numbers and texts always have a JSON form.
-        let data = serde_json::to_value(self).unwrap_or_default();
-        let text = one_line(&text).into_owned();
+        let mut data = serde_json::to_value(self).unwrap_or_default();
+        data::bound(&mut data);
+        let text = cut(&one_line(&text), data::LONGEST).into_owned();
         Entry { at: at.to_string(), kind: Cow::Borrowed(kind), level, text, data }
     }
 

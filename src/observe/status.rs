@@ -58,11 +58,11 @@ pub trait Source: Send + Sync + 'static {
     /// Something happened to whoever shows it.
     fn report(&self, event: &Event);
 
-    /// What happened since this moment, before this run too, oldest first.
+    /// What happened since this moment, before this run too, oldest first, until no more is wanted.
     ///
     /// # Errors
     /// What is kept cannot be read.
-    fn events(&self, since: Moment, found: &mut dyn FnMut(Found)) -> std::io::Result<()>;
+    fn events(&self, since: Moment, found: &mut dyn FnMut(Found) -> bool) -> std::io::Result<()>;
 }
 
 /// What is said to whoever gave a command.

@@ -98,11 +98,11 @@ impl Source for Fake {
         self.askers.lock().unwrap().push(format!("{event:?}"));
     }
 
-    fn events(&self, since: Moment, found: &mut dyn FnMut(Found)) -> io::Result<()> {
+    fn events(&self, since: Moment, found: &mut dyn FnMut(Found) -> bool) -> io::Result<()> {
         let mut entry = self.status.lock().unwrap().events[0].clone();
         entry.at = since.to_string();
-        found(Found::Event(entry));
-        found(Found::Damage("m.jsonl, line 3: it was changed".into()));
+        let _ = found(Found::Event(entry));
+        let _ = found(Found::Damage("m.jsonl, line 3: it was changed".into()));
         Ok(())
     }
 

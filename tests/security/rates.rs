@@ -99,6 +99,35 @@ fn whoever_disarms_again_within_a_second_finds_nothing_armed() {
 }
 
 #[test]
+fn what_is_asked_for_in_sixty_thousand_letters_is_a_short_event() {
+    let site = Site::with(BOTH);
+    site.is_known();
+    let long = "x".repeat(60_000);
+    let operator = bearer(OPERATOR);
+    for (path, token) in [
+        (format!("/api/{long}"), ""),
+        (format!("/api/disarm?axis={long}"), operator.as_str()),
+        (format!("/api/acknowledge?alarm={long}"), &operator),
+        (format!("/api/axes/{long}/measured"), &operator),
+    ] {
+        let reply = site.send("POST", &path, token, r#"{"error_um":1}"#);
+        assert!((400..500).contains(&reply.code), "{}", reply.code);
+        assert!(reply.body.len() < 2000, "{}", reply.body.len());
+    }
+    let status = site.get("/api/status", &operator).body;
+    assert!(status.len() < 50_000, "{} bytes", status.len());
+    until("they are kept", || {
+        let (_, events) = site.verb(&["events", "--json"]);
+        let is_there = events.contains("something unknown") && events.matches("xxx…").count() >= 2;
+        if is_there { Ok(()) } else { Err(events) }
+    });
+    let files = std::fs::read_dir(site.home.path().join("state")).unwrap().map(|entry| entry.unwrap());
+    let events = files.filter(|entry| entry.file_name().to_string_lossy().contains("events"));
+    let size: u64 = events.map(|entry| entry.metadata().unwrap().len()).sum();
+    assert!((1..20_000).contains(&size), "{size} bytes of events");
+}
+
+#[test]
 fn clients_of_a_virtual_machine_that_speak_no_modbus_are_counted_to_its_last_word() {
     let home = tempfile::tempdir().unwrap();
     let address = format!("127.0.0.1:{}", free_port());

@@ -83,10 +83,16 @@ pub const LONGEST_QUOTE: usize = 200;
 /// A text as it may be quoted: what is longer than [`LONGEST_QUOTE`] is cut, and says so.
 #[must_use]
 pub fn quoted(text: &str) -> Cow<'_, str> {
-    if text.len() <= LONGEST_QUOTE {
+    cut(text, LONGEST_QUOTE)
+}
+
+/// The first `most` characters of a text; where it has more, it says so.
+#[must_use]
+pub fn cut(text: &str, most: usize) -> Cow<'_, str> {
+    if text.len() <= most {
         return Cow::Borrowed(text);
     }
-    match text.char_indices().nth(LONGEST_QUOTE) {
+    match text.char_indices().nth(most) {
         Some((end, _)) => Cow::Owned(format!("{}…", &text[..end])),
         None => Cow::Borrowed(text),
     }

@@ -91,7 +91,7 @@ impl Source for WithTruth {
         self.source.report(event);
     }
 
-    fn events(&self, since: Moment, found: &mut dyn FnMut(Found)) -> std::io::Result<()> {
+    fn events(&self, since: Moment, found: &mut dyn FnMut(Found) -> bool) -> std::io::Result<()> {
         self.source.events(since, found)
     }
 }

@@ -53,7 +53,7 @@ impl Source for Fake {
 
     fn report(&self, _: &Event) {}
 
-    fn events(&self, _: Moment, _: &mut dyn FnMut(Found)) -> std::io::Result<()> {
+    fn events(&self, _: Moment, _: &mut dyn FnMut(Found) -> bool) -> std::io::Result<()> {
         Ok(())
     }
 

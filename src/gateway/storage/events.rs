@@ -152,9 +152,12 @@ mod tests {
 
         let mut texts = Vec::new();
         for directory in [home.path().join("aside"), directory] {
-            let read = file::since(&directory, "m", Moment::default(), |found| match found {
-                Found::Event(entry) => texts.push(entry.text),
-                Found::Damage(what) => panic!("{what}"),
+            let read = file::since(&directory, "m", Moment::default(), |found| {
+                match found {
+                    Found::Event(entry) => texts.push(entry.text),
+                    Found::Damage(what) => panic!("{what}"),
+                }
+                true
             });
             read.unwrap();
         }

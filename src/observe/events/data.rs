@@ -3,9 +3,30 @@
 use std::time::Duration;
 
 use serde::Serializer;
+use serde_json::Value;
 
 use crate::clock::Correction;
 use isotherm_core::quantity::Moment;
+use isotherm_profile::regular::cut;
+
+/// An event's sentence, and each text in its data, has no more characters: what others write fills neither a day's file nor the
+/// status, in which the last events stand.
+pub(super) const LONGEST: usize = 800;
+/// A list in its data has no more entries.
+const MOST: usize = 100;
+
+/// Cuts what is longer.
+pub(super) fn bound(data: &mut Value) {
+    match data {
+        Value::String(text) if text.len() > LONGEST => *text = cut(text, LONGEST).into_owned(),
+        Value::Array(list) => {
+            list.truncate(MOST);
+            list.iter_mut().for_each(bound);
+        }
+        Value::Object(fields) => fields.values_mut().for_each(bound),
+        _ => {}
+    }
+}
 
 pub(super) fn in_text<S: Serializer>(moment: &Moment, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_str(moment)
@@ -17,4 +38,25 @@ pub(super) fn both_in_text<S: Serializer>(set: &Correction, serializer: S) -> Re
 
 pub(super) fn in_seconds<S: Serializer>(span: &Duration, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_f64(span.as_secs_f64())
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::observe::events::Event;
+    use isotherm_core::quantity::Moment;
+
+    #[test]
+    fn an_event_stays_short_however_much_others_write() {
+        let long = "µ\u{1b}".repeat(30_000);
+        let names = vec![long.clone(); 300];
+        for event in [
+            Event::LogsDeleted { names, why: long.clone() },
+            Event::LinkDown { bus: long.clone(), address: long.clone(), fault: long },
+        ] {
+            let entry = event.entry(Moment::default());
+            assert_eq!(entry.text.chars().count(), 801, "{}", entry.text);
+            assert!(entry.text.ends_with('…'));
+            assert!(entry.data.to_string().len() < 1_000_000);
+        }
+    }
 }

@@ -197,7 +197,7 @@ pub fn begin(text: &str, now: Moment) -> Result<Moment, String> {
     })
 }
 
-/// What happened since this moment, oldest first.
+/// What happened since this moment, oldest first. Of the days behind that in which no more is wanted nothing is read.
 ///
 /// # Errors
 /// The directory cannot be read.
@@ -205,22 +205,31 @@ pub fn since(
     directory: &Path,
     machine: &str,
     since: Moment,
-    mut found: impl FnMut(Found),
+    mut found: impl FnMut(Found) -> bool,
 ) -> std::io::Result<()> {
+    let mut is_wanted = true;
+    let mut found = |one| {
+        is_wanted = is_wanted && found(one);
+        is_wanted
+    };
     let first = since.to_string();
     let first = first.get(..10).unwrap_or_default();
     for day in days(directory, machine)?.iter().filter(|day| day.as_str() >= first) {
         let path = path(directory, machine, day);
+        let mut goes_on = true;
         let read = read(&path, |one| match &one {
             Found::Event(entry) if time::parse(&entry.at).is_ok_and(|at| at < since) => {}
-            _ => found(one),
+            _ => goes_on = found(one),
         });
         if let Err(error) = read {
-            found(Found::Damage(format!(
+            goes_on = found(Found::Damage(format!(
                 "{} cannot be read: {}",
                 path.display(),
                 without_numbers(&error.to_string())
             )));
+        }
+        if !goes_on {
+            break;
         }
     }
     Ok(())

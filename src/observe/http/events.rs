@@ -2,12 +2,15 @@
 
 use std::collections::VecDeque;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use axum::extract::{RawQuery, State};
-use axum::http::StatusCode;
+use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Json, Response};
 use serde::Serialize;
 
+use super::history::Leaves;
 use super::{Room, parameter};
 use crate::observe::events::Entry;
 use crate::observe::events::file::{Found, begin};
@@ -19,6 +22,8 @@ use isotherm_profile::regular::without_numbers;
 const SINCE: &str = "12h";
 /// So many of the last ones are shown; `isotherm events` shows all.
 const MOST: usize = 10_000;
+/// Nobody waits longer for his turn.
+const PATIENCE: Duration = Duration::from_secs(10);
 
 #[derive(Default, Serialize)]
 struct Events {
@@ -32,11 +37,17 @@ struct Events {
 
 pub(super) async fn since(State(room): State<Room>, RawQuery(query): RawQuery) -> Response {
     let since = query.and_then(|query| parameter(&query, "since")).unwrap_or_else(|| SINCE.to_owned());
-    let turn = Arc::clone(&room.events).acquire_owned().await;
+    let turn = Arc::clone(&room.events).acquire_owned();
+    let Ok(turn) = tokio::time::timeout(PATIENCE, turn).await else {
+        let text = "Others read the events already: ask again in a moment.\n";
+        return (StatusCode::SERVICE_UNAVAILABLE, [(header::RETRY_AFTER, "10")], text).into_response();
+    };
+    let gone = Arc::new(AtomicBool::new(false));
+    let _leaves = Leaves(Arc::clone(&gone));
     // Files are read where nobody else waits.
     let read = tokio::task::spawn_blocking(move || {
         let _turn = turn;
-        read(&room, &since)
+        read(&room, &since, &|| !gone.load(Ordering::Relaxed))
     });
     let read = read.await;
     match read {
@@ -46,19 +57,23 @@ pub(super) async fn since(State(room): State<Room>, RawQuery(query): RawQuery) -
     }
 }
 
-fn read(room: &Room, since: &str) -> Result<Events, (StatusCode, String)> {
+/// For as long as somebody waits for it.
+fn read(room: &Room, since: &str, is_wanted: &dyn Fn() -> bool) -> Result<Events, (StatusCode, String)> {
     let now = time::parse(&room.source.status().now).unwrap_or_default();
     let since = begin(since, now).map_err(|why| (StatusCode::BAD_REQUEST, why))?;
     let mut found = Events::default();
-    let read = room.source.events(since, &mut |one| match one {
-        Found::Damage(what) => found.damage.push(what),
-        Found::Event(entry) => {
-            if found.events.len() == MOST {
-                found.events.pop_front();
-                found.left_out += 1;
+    let read = room.source.events(since, &mut |one| {
+        match one {
+            Found::Damage(what) => found.damage.push(what),
+            Found::Event(entry) => {
+                if found.events.len() == MOST {
+                    found.events.pop_front();
+                    found.left_out += 1;
+                }
+                found.events.push_back(entry);
             }
-            found.events.push_back(entry);
         }
+        is_wanted()
     });
     read.map_err(|error| {
         (

@@ -3,6 +3,7 @@
 //!
 //! The lines never notice: files are read on threads of their own, a few at once, and not for ever.
 
+use std::io::ErrorKind;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,14 +24,16 @@ use crate::observe::past::{self, Column, Question};
 use crate::observe::status::{AxisStatus, Status};
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::one_line;
-use isotherm_profile::regular::without_numbers;
+use isotherm_profile::regular::{quoted, without_numbers};
 
 /// So many spans are read at once.
 pub(super) const AT_ONCE: usize = 2;
 /// Reading a span takes no longer; handing it to who downloads it may.
 const LONGEST: Duration = Duration::from_secs(60);
-/// Nobody waits longer for one who takes nothing of his download.
-const PATIENCE: Duration = Duration::from_secs(30);
+/// Nobody waits longer for one who takes nothing of his download, nor for one who takes it drop by drop: others wait for his turn.
+const DOWNLOAD: Patience = Patience { piece: Duration::from_secs(30), all: Duration::from_mins(10) };
+/// Pieces of a download on their way.
+const UNDER_WAY: usize = 4;
 const POINTS: usize = 600;
 const MOST_POINTS: usize = 4000;
 const MOST_COLUMNS: usize = 64;
@@ -38,7 +41,7 @@ const MOST_COLUMNS: usize = 64;
 type Refused = (StatusCode, String);
 
 /// Whoever asked has gone when this is dropped.
-struct Leaves(Arc<AtomicBool>);
+pub(super) struct Leaves(pub(super) Arc<AtomicBool>);
 
 impl Drop for Leaves {
     fn drop(&mut self) {
@@ -48,40 +51,44 @@ impl Drop for Leaves {
 
 pub(super) async fn course(State(room): State<Room>, RawQuery(query): RawQuery) -> Response {
     let query = query.unwrap_or_default();
-    let asked = asked(&room, &query).and_then(|(question, logs)| Ok((question, logs, points(&query)?)));
-    let (question, logs, points) = match asked {
-        Ok(asked) => asked,
-        Err(refused) => return answered(refused),
-    };
     let Some(turn) = turn(&room.readers) else { return busy() };
     let gone = Arc::new(AtomicBool::new(false));
     let _leaves = Leaves(Arc::clone(&gone));
+    // A disk that hangs keeps a thread and a turn, and nobody else: even to list the logs may hang.
     let read = tokio::task::spawn_blocking(move || {
         let _turn = turn;
+        let (question, logs) = asked(&room, &query)?;
+        let points = points(&query)?;
         let until = Passing::default().passed() + LONGEST;
         let goes_on = || !gone.load(Ordering::Relaxed) && Passing::default().passed() < until;
-        past::course(&logs, &question, points, &goes_on)
+        past::course(&logs, &question, points, &goes_on).map_err(|error| match error.kind() {
+            ErrorKind::Interrupted => {
+                let text = format!("reading takes more than {} s: ask for a shorter span", LONGEST.as_secs());
+                (StatusCode::SERVICE_UNAVAILABLE, text)
+            }
+            _ => (
+                StatusCode::INTERNAL_SERVER_ERROR,
+                format!("a log cannot be read: {}", without_numbers(&error.to_string())),
+            ),
+        })
     });
     match read.await {
         Ok(Ok(course)) => Json(course).into_response(),
-        Ok(Err(error)) if error.kind() == std::io::ErrorKind::Interrupted => {
-            let text = format!("reading takes more than {} s: ask for a shorter span", LONGEST.as_secs());
-            answered((StatusCode::SERVICE_UNAVAILABLE, text))
-        }
-        Ok(Err(error)) => answered((
-            StatusCode::INTERNAL_SERVER_ERROR,
-            format!("a log cannot be read: {}", without_numbers(&error.to_string())),
-        )),
+        Ok(Err(refused)) => answered(refused),
         Err(error) => answered((StatusCode::INTERNAL_SERVER_ERROR, error.to_string())),
     }
 }
 
 pub(super) async fn download(State(room): State<Room>, RawQuery(query): RawQuery) -> Response {
-    let (question, logs) = match asked(&room, &query.unwrap_or_default()) {
-        Ok(asked) => asked,
-        Err(refused) => return answered(refused),
-    };
+    let query = query.unwrap_or_default();
     let Some(turn) = turn(&room.readers) else { return busy() };
+    let looked = room.clone();
+    let listed = tokio::task::spawn_blocking(move || (asked(&looked, &query), turn));
+    let (question, logs, turn) = match listed.await {
+        Ok((Ok((question, logs)), turn)) => (question, logs, turn),
+        Ok((Err(refused), _)) => return answered(refused),
+        Err(error) => return answered((StatusCode::INTERNAL_SERVER_ERROR, error.to_string())),
+    };
     let machine = room.source.status().machine;
     let day = |moment: Moment| moment.to_string().get(..10).unwrap_or_default().to_owned();
     let name = format!("{machine}-{}-{}.csv", day(question.from), day(question.to));
@@ -89,14 +96,10 @@ pub(super) async fn download(State(room): State<Room>, RawQuery(query): RawQuery
         .chars()
         .map(|one| if one.is_ascii_alphanumeric() || "-.".contains(one) { one } else { '_' })
         .collect();
-    let (sender, receiver) = mpsc::channel(4);
+    let (sender, receiver) = mpsc::channel(UNDER_WAY + 1);
     tokio::task::spawn_blocking(move || {
         let _turn = turn;
-        let mut take = |piece: Vec<u8>| hand_over(&sender, Ok(Bytes::from(piece)));
-        if let Err(error) = past::download(&logs, &question, &mut take) {
-            // What is cut off is seen to be.
-            hand_over(&sender, Err(error));
-        }
+        hand_over(sender, DOWNLOAD, |take| past::download(&logs, &question, take));
     });
     let headers = [
         (header::CONTENT_TYPE, "text/csv; charset=utf-8".to_owned()),
@@ -107,16 +110,42 @@ pub(super) async fn download(State(room): State<Room>, RawQuery(query): RawQuery
 
 type Piece = std::io::Result<Bytes>;
 
-/// Whether it was taken.
-fn hand_over(sender: &mpsc::Sender<Piece>, mut piece: Piece) -> bool {
-    let until = Passing::default().passed() + PATIENCE;
-    loop {
-        match sender.try_send(piece) {
-            Ok(()) => return true,
-            Err(TrySendError::Full(back)) if Passing::default().passed() < until => piece = back,
-            Err(_) => return false,
-        }
-        std::thread::sleep(Duration::from_millis(10));
+/// How long a download waits for whoever takes it.
+#[derive(Clone, Copy)]
+struct Patience {
+    piece: Duration,
+    all: Duration,
+}
+
+/// Hands on what `read` gives piece by piece, for as long as it is taken. What is cut off is seen to be: it ends with an error, for
+/// which there is always room.
+fn hand_over(
+    sender: mpsc::Sender<Piece>,
+    patience: Patience,
+    read: impl FnOnce(&mut dyn FnMut(Vec<u8>) -> bool) -> std::io::Result<()>,
+) {
+    let now = || Passing::default().passed();
+    let Ok(last) = sender.clone().try_reserve_owned() else { return };
+    let (end, mut is_taken) = (now() + patience.all, true);
+    let mut take = |piece: Vec<u8>| {
+        let until = end.min(now() + patience.piece);
+        let mut piece = Ok(Bytes::from(piece));
+        is_taken = loop {
+            match sender.try_send(piece) {
+                Ok(()) => break true,
+                Err(TrySendError::Full(back)) if now() < until => piece = back,
+                Err(_) => break false,
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        };
+        is_taken &= now() < end;
+        is_taken
+    };
+    let read = read(&mut take);
+    match read {
+        Ok(()) if is_taken => {}
+        Ok(()) => drop(last.send(Err(ErrorKind::TimedOut.into()))),
+        Err(error) => drop(last.send(Err(error))),
     }
 }
 
@@ -177,7 +206,7 @@ fn columns(status: &Status, named: Option<&str>) -> Result<Vec<Column>, String> 
         .map(|name| {
             known.iter().find(|column| column.name == name).cloned().ok_or_else(|| {
                 let names: Vec<&str> = known.iter().map(|column| column.name.as_str()).collect();
-                format!("there is no column {name}; there are {}", names.join(", "))
+                format!("there is no column {}; there are {}", quoted(name), names.join(", "))
             })
         })
         .collect::<Result<_, _>>()?;
@@ -185,4 +214,47 @@ fn columns(status: &Status, named: Option<&str>) -> Result<Vec<Column>, String> 
         return Err(format!("{} columns are more than {MOST_COLUMNS}: ask for them in turn", chosen.len()));
     }
     Ok(chosen)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What comes of a download of a thousand pieces, and how long it has its turn, where one is taken every `each`.
+    fn taken(each: Option<Duration>, patience: Patience) -> (usize, bool, Duration) {
+        let (sender, mut receiver) = mpsc::channel(UNDER_WAY + 1);
+        let begun = Passing::default().passed();
+        let reading = std::thread::spawn(move || {
+            hand_over(sender, patience, |take| {
+                let _ = (0..1000).all(|_| take(vec![7; 10]));
+                Ok(())
+            });
+            Passing::default().passed() - begun
+        });
+        let (mut count, mut is_cut) = (0, false);
+        if let Some(each) = each {
+            while let Some(piece) = receiver.blocking_recv() {
+                is_cut |= piece.is_err();
+                count += usize::from(piece.is_ok());
+                std::thread::sleep(each);
+            }
+        }
+        let took = reading.join().unwrap();
+        while let Ok(piece) = receiver.try_recv() {
+            is_cut |= piece.is_err();
+        }
+        (count, is_cut, took)
+    }
+
+    #[test]
+    fn a_download_is_handed_over_whole_or_seen_to_be_cut_off_and_nobody_keeps_its_turn() {
+        let [short, long] = [Duration::from_millis(200), Duration::from_mins(10)];
+        let (count, is_cut, _) = taken(Some(Duration::ZERO), DOWNLOAD);
+        assert_eq!((count, is_cut), (1000, false));
+        let (_, is_cut, took) = taken(None, Patience { piece: short, all: long });
+        assert!(is_cut && took < Duration::from_mins(1), "he takes nothing: {took:?}");
+        let (count, is_cut, took) =
+            taken(Some(Duration::from_millis(50)), Patience { piece: long, all: short });
+        assert!(is_cut && count < 1000 && took < Duration::from_mins(1), "drop by drop: {count} {took:?}");
+    }
 }

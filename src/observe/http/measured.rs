@@ -10,6 +10,7 @@ use super::peer::Peer;
 use super::{Room, answered};
 use crate::observe::asker::Asker;
 use isotherm_profile::one_line;
+use isotherm_profile::regular::quoted;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -51,7 +52,7 @@ fn answer(room: &Room, axis: &str, error_um: Option<f64>, asker: &Asker) -> Resp
     let axes = room.source.status().axes;
     if !axes.iter().any(|known| known.name == axis) {
         let names: Vec<&str> = axes.iter().map(|axis| axis.name.as_str()).collect();
-        let text = format!("There is no axis {}; there are {}.\n", one_line(axis), names.join(", "));
+        let text = format!("There is no axis {}; there are {}.\n", one_line(&quoted(axis)), names.join(", "));
         return (StatusCode::NOT_FOUND, text).into_response();
     }
     answered(room, room.source.measured(axis, error_um, asker))

@@ -121,7 +121,11 @@ fn what_is_no_file_is_not_waited_for() {
     std::fs::create_dir(path(directory.path(), "m", DAY)).unwrap();
     assert!(read(&path(directory.path(), "m", DAY), |_| {}).is_err());
     let mut found = Vec::new();
-    since(directory.path(), "m", Moment::default(), |one| found.push(one)).unwrap();
+    since(directory.path(), "m", Moment::default(), |one| {
+        found.push(one);
+        true
+    })
+    .unwrap();
     assert!(matches!(&found[..], [Found::Damage(what)] if what.contains("cannot be read")), "{found:?}");
 }
 
