@@ -7,6 +7,7 @@ use clap::builder::TypedValueParser;
 
 use super::beside::Beside;
 use super::identify::one_of;
+use super::progress::Progress;
 use super::runs::Runs;
 use super::{load_with, print_json};
 use crate::cli::say::Out;
@@ -75,7 +76,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut dataset = arguments.runs.read(&arguments.logs, "gauge_um", &unit, &uses)?;
     let mut displacements = arguments.displacement.clone();
     add_without_cz(&mut dataset, profile.as_ref(), &mut displacements, &applied)?;
+    let working = Progress::begin("how far each run drifted");
     let drifts = drift(&dataset, &displacements, arguments.test, &unit)?;
+    drop(working);
     let mut beside = Beside::default();
     if let Some(path) = &arguments.report {
         let page = report::drifted(&dataset, &drifts, profile.as_ref(), Clock::wall().time_of_day());

@@ -28,6 +28,7 @@ const PAUSE: &str = "100ms";
 
 const TEMPERATURE: u16 = 0;
 const OFFSET: u16 = 10;
+const HEARTBEAT: u16 = 20;
 
 /// The times of a machine.
 #[derive(Clone, Copy, Debug)]
@@ -130,6 +131,8 @@ pub(crate) struct State {
     holds: bool,
     /// How many wait for that.
     pub(crate) held: usize,
+    /// When the heartbeat came, where the profile has one.
+    pub(crate) beats: Vec<Moment>,
 }
 
 impl Device {
@@ -275,6 +278,11 @@ impl Device {
             (16, OFFSET, 1) => {
                 self.write(at, connection, word(6).cast_signed());
                 return pdu[..5].to_vec();
+            }
+            (6, HEARTBEAT, _) => {
+                self.state().beats.push(at);
+                self.0.changed.notify_all();
+                return pdu.to_vec();
             }
             // There is no such register.
             _ => return vec![pdu[0] | 0x80, 2],

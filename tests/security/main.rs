@@ -7,6 +7,9 @@ mod certificates;
 mod crowd;
 #[path = "../device/mod.rs"]
 mod device;
+#[path = "../onnx/encode.rs"]
+#[allow(dead_code, reason = "others write whole networks")]
+mod encode;
 #[path = "../http/fake.rs"]
 mod fake;
 mod files;

@@ -101,7 +101,7 @@ const SHOWN: usize = 20;
 /// More than these need not be described to be counted: a mesh without its nodes has one in every line.
 const MOST_DESCRIBED: usize = 10_000;
 /// A sentence quotes what stands in a file.
-const LONGEST_SENTENCE: usize = 1000;
+const LONGEST_SENTENCE: usize = 800;
 
 impl Faults {
     fn push(&mut self, fault: Fault) {

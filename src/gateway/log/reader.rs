@@ -14,7 +14,7 @@ use isotherm_core::compensation::{Control, Measured, Permit, Remembered};
 use isotherm_core::quantity::{Dialect, Micron, Moment, time};
 use isotherm_core::reading::{Reading, Reason};
 use isotherm_profile::Profile;
-use isotherm_profile::regular::{self, Lines};
+use isotherm_profile::regular::{self, Lines, quoted};
 
 /// A log that cannot be read, with the place.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -137,21 +137,23 @@ impl<R: Read> LogReader<R> {
         let mut places = HashMap::new();
         for (place, name) in names.iter().enumerate() {
             if !name.is_empty() && places.insert(name.as_str(), place).is_some() {
-                return Err(error(format!("the column {name} is there twice")));
+                return Err(error(format!("the column {} is there twice", quoted(name))));
             }
         }
-        let columns = Columns::find(profile, &places)
-            .ok_or_else(|| error(format!("there is no column {TIME}; there are {}", names.join(", "))))?;
+        let columns = Columns::find(profile, &places).ok_or_else(|| {
+            error(format!("there is no column {TIME}; there are {}", quoted(&names.join(", "))))
+        })?;
         let missing: Vec<&str> = (profile.signals.iter().zip(&columns.signals))
             .filter_map(|(signal, place)| place.is_none().then_some(signal.name.as_str()))
             .collect();
         if missing.len() == profile.signals.len() {
-            let message = format!("none of the profile's signals is in the log: {}", missing.join(", "));
+            let message =
+                format!("none of the profile's signals is in the log: {}", quoted(&missing.join(", ")));
             return Err(error(message));
         }
         let warnings = match missing.as_slice() {
             [] => Vec::new(),
-            names => vec![format!("{file}: not in the log: {}", names.join(", "))],
+            names => vec![format!("{file}: not in the log: {}", quoted(&names.join(", ")))],
         };
         let ranges = profile.signals.iter().map(|signal| signal.range).collect();
         let record = StringRecord::new();

@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use super::rig::{Home, isotherm, size};
+use crate::encode::{model, node, tensor};
 
 const MACHINE: &str = "[machine]\nname = \"attacked\"\n[bus.cell]\ntype = \"modbus-tcp\"\naddress = \"127.0.0.1:1502\"\n\
                        [device.module]\nbus = \"cell\"\nunit = 1\n[signal.bed]\ndevice = \"module\"\n\
@@ -142,4 +143,17 @@ fn the_files_that_a_profile_names_are_refused_when_they_have_no_end() {
         let path = home.write("machine.toml", text);
         isotherm(&["check"], &path).is_refused(16 << 20, &["in the profile"]);
     }
+}
+
+#[test]
+fn a_small_network_that_asks_for_gigabytes_is_refused_before_it_gets_them() {
+    let home = Home::new();
+    let zeros = [0.0; 50_000];
+    let (column, row) = (tensor("column", &[50_000, 1], &zeros), tensor("row", &[1, 50_000], &zeros));
+    let nodes = [node("Add", &["column", "row"], "large"), node("MatMul", &["x", "large"], "y")];
+    let onnx = home.write("small.onnx", model(&nodes, &[column, row], Some(1)));
+    let network = "kind = \"network\"\ninputs = [\"bed\"]\nfile = \"small.onnx\"\n";
+    let path = home.write("machine.toml", format!("{MACHINE}{network}"));
+    isotherm(&["check"], &path)
+        .is_refused(size(&onnx), &["machine.toml", "its node Add of `large` makes it 2500000000 numbers"]);
 }

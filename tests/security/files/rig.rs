@@ -10,6 +10,8 @@ pub(crate) struct Home(tempfile::TempDir);
 pub(crate) struct Seen {
     pub(crate) code: i64,
     pub(crate) seconds: f64,
+    /// Until its first word, or its end without one.
+    pub(crate) silent: f64,
     /// The most memory that it had at once, MB.
     pub(crate) peak: f64,
     pub(crate) said: String,
@@ -19,6 +21,8 @@ pub(crate) struct Seen {
 const BESIDE: f64 = 200.0;
 /// It is 10 s where nothing else runs and the program is optimised; here neither is so.
 const LONGEST: f64 = 60.0;
+/// Whoever waits hears something within so many seconds.
+const LONGEST_SILENT: f64 = 10.0;
 /// What it may say, in bytes.
 const MOST_SAID: usize = 100_000;
 /// A line of it, in characters: a quotation of 200 and the sentence around it, or a list.
@@ -26,16 +30,29 @@ const LONGEST_LINE: usize = 2_100;
 
 /// Tells how a program ended, how long that took and how much memory; no more than 6 GB, lest it take the computer with it.
 const MEASURED: &str = "
-import json, resource, subprocess, sys, time
+import json, resource, subprocess, sys, threading, time
 def bounded():
     resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))
-begun = time.monotonic()
-done = subprocess.run(sys.argv[1:], stdin=subprocess.DEVNULL, capture_output=True, preexec_fn=bounded, timeout=300)
+def read(pipe, said):
+    while part := pipe.read1(65536):
+        firsts.append(time.monotonic())
+        said.append(part)
+begun, firsts, said, out = time.monotonic(), [], [], []
+done = subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                        preexec_fn=bounded)
+stops = threading.Timer(300, done.kill)
+stops.start()
+readers = [threading.Thread(target=read, args=of) for of in [(done.stdout, out), (done.stderr, said)]]
+[reader.start() for reader in readers]
+[reader.join() for reader in readers]
+code, ended = done.wait(), time.monotonic()
+stops.cancel()
 print(json.dumps({
-    'code': done.returncode,
-    'seconds': time.monotonic() - begun,
+    'code': code,
+    'seconds': ended - begun,
+    'silent': min(firsts + [ended]) - begun,
     'peak': resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1000,
-    'said': (done.stderr + done.stdout).decode(errors='replace'),
+    'said': b''.join(said + out).decode(errors='replace'),
 }))
 ";
 
@@ -69,6 +86,7 @@ pub(crate) fn isotherm(arguments: &[&str], file: &Path) -> Seen {
     Seen {
         code: document["code"].as_i64().unwrap(),
         seconds: document["seconds"].as_f64().unwrap(),
+        silent: document["silent"].as_f64().unwrap(),
         peak: document["peak"].as_f64().unwrap(),
         said: document["said"].as_str().unwrap().to_owned(),
     }
@@ -81,6 +99,7 @@ impl Seen {
         let most = 10.0 * input as f64 / 1e6 + BESIDE;
         assert!(self.peak <= most, "{} MB of at most {most}: {beginning}", self.peak);
         assert!(self.seconds <= LONGEST, "{} s: {beginning}", self.seconds);
+        assert!(self.silent <= LONGEST_SILENT, "not a word for {} s: {beginning}", self.silent);
         assert!(self.said.len() <= MOST_SAID, "{} bytes: {beginning}", self.said.len());
         let longest = self.said.lines().map(|line| line.chars().count()).max().unwrap_or_default();
         assert!(longest <= LONGEST_LINE, "a line of {longest} characters: {beginning}");

@@ -35,7 +35,7 @@ pub(super) fn from_text(
     let width = names.len();
     let no_time = format!(
         "there is no column time (seconds or 2026-01-31T12:00:00Z), time_s or time_min; there are {}",
-        names.join(", ")
+        quoted(&names.join(", "))
     );
     let by = split.column.as_deref();
     let rows = Reader::new(file, names, ("line", dialect), by, uses);

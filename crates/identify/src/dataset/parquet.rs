@@ -23,6 +23,7 @@ use super::table::{Reader, Table, TooMuch};
 use super::{BadLog, Split, Uses, files};
 use isotherm_core::border::beyond;
 use isotherm_core::quantity::Dialect;
+use isotherm_profile::regular::quoted;
 
 mod pages;
 mod thrift;
@@ -56,7 +57,8 @@ fn from_file(path: &Path, file: File, split: &Split, uses: Uses<'_>) -> Result<T
         return Err(refused(format!("{} columns: at most {MOST_COLUMNS} are read", columns.len())));
     }
     let names: Vec<String> = columns.iter().map(name).collect();
-    let no_time = format!("there is no column time, time_s or time_min; there are {}", names.join(", "));
+    let there_are = names.join(", ");
+    let no_time = format!("there is no column time, time_s or time_min; there are {}", quoted(&there_are));
     let dialect = Dialect::of("", split.zone.clone());
     let table = Reader::new(path, names, ("row", dialect), split.column.as_deref(), uses);
     let mut table = table.ok_or_else(|| refused(no_time))?;

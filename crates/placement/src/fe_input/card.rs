@@ -73,18 +73,30 @@ impl Line {
         match parsed {
             Ok(number) if number.is_finite() => Ok(number),
             _ if text.is_empty() => Err(self.fault(format!("the {name} is missing"))),
-            _ => Err(self.fault(format!("`{text}` is not a number; the {name} belongs here"))),
+            _ => Err(self.fault(format!("`{}` is not a number; the {name} belongs here", quoted(text)))),
         }
     }
 
     /// The number of a node, an element or a direction, as one of the values has it.
     pub(super) fn id(&self, text: &str, name: &str) -> Result<u32, Fault> {
         let id = text.parse().ok().filter(|id| *id > 0);
-        id.ok_or_else(|| self.fault(format!("`{text}` is not a number from 1 up; the {name} belongs here")))
+        id.ok_or_else(|| {
+            let text = quoted(text);
+            self.fault(format!("`{text}` is not a number from 1 up; the {name} belongs here"))
+        })
     }
 
     pub(super) fn fault(&self, message: impl Into<String>) -> Fault {
         self.at.fault(message)
+    }
+}
+
+/// Of what stands in a file so many characters are quoted.
+pub(super) fn quoted(text: &str) -> String {
+    const LONGEST: usize = 200;
+    match text.char_indices().nth(LONGEST) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text.to_owned(),
     }
 }
 

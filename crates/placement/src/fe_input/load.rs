@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::card::{Card, Line};
+use super::card::{Card, Line, quoted};
 use super::mesh::side;
 use super::reader::Reader;
 use super::{Fault, SurfaceNames};
@@ -113,7 +113,9 @@ pub(super) fn nodal(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     loads(reader, card, |reader, line| {
         line.exactly(&["node or set", "direction 11", "heat"])?;
         if line.text(1) != "11" {
-            return Err(line.fault(format!("`{}`: heat enters at a node in direction 11", line.text(1))));
+            return Err(
+                line.fault(format!("`{}`: heat enters at a node in direction 11", quoted(line.text(1))))
+            );
         }
         let heat = line.number(2, "heat")?;
         for node in reader.nodes(line.text(0), &line.at) {

@@ -1,7 +1,7 @@
 //! Nodes, elements, sets and surfaces.
 
 use super::Fault;
-use super::card::{Card, Line, Location};
+use super::card::{Card, Line, Location, quoted};
 use super::reader::Reader;
 use crate::element::worst_determinant;
 use crate::mesh::{Element, Face, Kind, NodeId};
@@ -166,7 +166,10 @@ pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
             } else if text.is_empty() {
                 reader.faults.push(line.fault("a member is missing between two commas"));
             } else {
-                reader.missed(&line.at, format!("`{text}` is neither a number nor a {what} set above"));
+                reader.missed(
+                    &line.at,
+                    format!("`{}` is neither a number nor a {what} set above", quoted(text)),
+                );
             }
         }
         Ok(())
@@ -215,6 +218,6 @@ pub(super) fn side(line: &Line, letter: &str) -> Result<usize, Fault> {
     let number = text.strip_prefix(letter).and_then(|number| number.parse::<usize>().ok());
     number.filter(|number| (1..=4).contains(number)).map(|number| number - 1).ok_or_else(|| {
         let sides = format!("{letter}1, {letter}2, {letter}3 or {letter}4");
-        line.fault(format!("`{text}` is not a side of a tetrahedron: {sides}"))
+        line.fault(format!("`{}` is not a side of a tetrahedron: {sides}", quoted(&text)))
     })
 }

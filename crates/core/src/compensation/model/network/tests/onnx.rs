@@ -125,7 +125,9 @@ fn a_shape_that_comes_out_of_the_input_is_refused() {
         node("MatMul", &["moved", "w"], "y"),
     ];
     let weights = [tensor("w", &[2, 1], &[1.0, 1.0])];
-    for words in ["has a shape that depends on the numbers of the input", "takes what no node before it gives"] {
+    for words in
+        ["has a shape that depends on the numbers of the input", "takes what no node before it gives"]
+    {
         let why = Onnx::new(encode::declaring(&["shape"], &nodes, &weights, Some(2)), 2).unwrap_err();
         assert!(why.contains(&format!("node Reshape of `moved` {words}")), "{why}");
         nodes.swap(1, 2);
