@@ -3,8 +3,10 @@
 //! `tests/fuzz` lets a fuzzer look for such bytes; the inputs that it kept are fed again by every test run.
 
 use std::cell::Cell;
+use std::fs::Permissions;
 use std::io;
 use std::net::SocketAddr;
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::pin::Pin;
 use std::sync::LazyLock;
@@ -23,7 +25,7 @@ use isotherm::fieldbus::rtu::Rtu;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::{Answer, Request, Wire};
 use isotherm::gateway::{Gateway, Options};
-use isotherm::observe::http::{Admission, serve};
+use isotherm::observe::http::{Admission, TokenFile, serve};
 use isotherm::virtual_machine::answered;
 use isotherm_core::codec::{
     Address, DataType, Encoding, Entry, Frame, Register, Scale, Table, WordOrder, checksum,
@@ -295,6 +297,8 @@ struct Door {
     runtime: Runtime,
     address: SocketAddr,
     asked: Cell<u16>,
+    /// Of the tokens, which are read again.
+    _files: tempfile::TempDir,
 }
 
 thread_local! {
@@ -310,16 +314,24 @@ impl Door {
             PANICKED.store(true, Ordering::Relaxed);
             before(panic);
         }));
+        let files = tempfile::tempdir().expect("a directory");
+        let token = |name: &str| {
+            let path = files.path().join(name);
+            std::fs::write(&path, format!("the-token-of-an-{name}")).expect("room for a file");
+            std::fs::set_permissions(&path, Permissions::from_mode(0o600)).expect("it is ours");
+            Some(TokenFile::read(&path).expect("a token"))
+        };
+        let (viewer, operator) = (token("onlooker"), token("operator"));
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
         let address = runtime.block_on(async {
             let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
             let address = listener.local_addr().expect("its address");
             let gateway = Gateway::new(USUAL.clone(), &Clock::wall(), Options::default());
-            let admission = Admission { commands: Commands::Local, ..Admission::default() };
+            let admission = Admission { viewer, operator, commands: Commands::Local, hosts: Vec::new() };
             tokio::spawn(serve(listener, gateway.source(), admission, std::future::pending()));
             address
         });
-        Door { runtime, address, asked: Cell::new(0) }
+        Door { runtime, address, asked: Cell::new(0), _files: files }
     }
 
     /// Each comes from another address of this computer: of one there are not ports enough for as many in a minute.
