@@ -35,7 +35,7 @@ pub use model::{CLEARLY_INSIDE, Extrapolation, Unusable};
 pub use probe::{Measured, Probe, Probed, Refused, Residual};
 pub use remembered::{AxisRemembered, Remembered, Stop};
 pub use running::AxisRunning;
-pub use stand_in::StoodIn;
+pub use stand_in::{Distrusted, StoodIn};
 pub use state::AxisState;
 
 use axis::Axis;
@@ -64,9 +64,14 @@ impl<'a> Snapshot<'a> {
     /// The value of a signal, if it may be used.
     pub fn value(&self, id: SignalId) -> Option<f64> {
         match self.instead_of(id) {
-            Some(instead) => instead.value,
-            None => self.readings.get(id.0)?.usable(),
+            Some(instead) => instead.value(),
+            None => self.reading(id),
         }
+    }
+
+    /// What a sensor reads, believed or not, if that is good.
+    fn reading(&self, id: SignalId) -> Option<f64> {
+        self.readings.get(id.0)?.usable()
     }
 
     /// What is used instead of this sensor.
@@ -100,6 +105,8 @@ pub struct Control {
     pub measured: Option<Measured>,
     /// Cz goes there, within the guard, while the axis would follow its model: its sign is checked with a dial gauge.
     pub sign: Option<Micron>,
+    /// A person has disarmed it, and has looked: whatever its sensors read is believed.
+    pub trust: bool,
 }
 
 impl Control {
@@ -226,16 +233,25 @@ impl Compensation {
         {
             return Stepped::default();
         }
-        let noticed = self.machine.observe(&self.settings, snapshot);
+        for (axis, control) in self.axes.iter_mut().zip(controls) {
+            axis.look(snapshot, &self.machine);
+            if control.trust {
+                axis.trust(&self.machine, snapshot.now);
+            }
+        }
+        self.take_beginnings();
+        let is_distrusted = |id| self.axes.iter().any(|axis| axis.distrusts(id));
+        let noticed = self.machine.observe_without(&self.settings, snapshot, is_distrusted);
         for axis in &mut self.axes {
+            if noticed.started {
+                axis.started(&self.settings, snapshot.now);
+            }
             axis.follow(snapshot, &self.machine);
             if noticed.zeroed {
                 axis.zero(&self.settings, snapshot.now);
             }
-            if noticed.started {
-                axis.started(&self.settings, snapshot.now);
-            }
         }
+        self.take_beginnings();
         for (axis, control) in self.axes.iter_mut().zip(controls) {
             if due(axis, control) {
                 axis.step(snapshot, &self.machine, *control);
@@ -285,9 +301,19 @@ impl Compensation {
         Some((chosen.model, chosen.raw))
     }
 
-    /// Whether others stand in for this signal of this model of an axis.
-    pub fn is_stood_in(&self, axis: usize, model: usize, signal: SignalId) -> bool {
-        self.axes.get(axis).is_some_and(|axis| axis.is_stood_in(model, signal))
+    /// Those whose readings say what this signal of this model of an axis would read, where others stand in for it.
+    pub fn predictors(
+        &self,
+        axis: usize,
+        model: usize,
+        signal: SignalId,
+    ) -> Option<impl Iterator<Item = SignalId>> {
+        self.axes.get(axis)?.predictors(model, signal)
+    }
+
+    /// The sensors that an axis does not believe, each once.
+    pub fn distrusted(&self, axis: usize) -> impl Iterator<Item = Distrusted> {
+        self.axes.get(axis).into_iter().flat_map(Axis::distrusted)
     }
 
     /// What the model asks for now, where that lies beyond the axis's error level.
@@ -321,7 +347,16 @@ impl Compensation {
     /// rows between two updates, and what it says there is not to be lost.
     pub fn follow(&mut self, snapshot: &Snapshot<'_>) {
         for axis in &mut self.axes {
+            axis.look(snapshot, &self.machine);
             axis.follow(snapshot, &self.machine);
+        }
+        self.take_beginnings();
+    }
+
+    /// Where sensors are believed again that nobody could read at the machine's start, that is known now.
+    fn take_beginnings(&mut self) {
+        for axis in &mut self.axes {
+            axis.take_beginnings(|signal, beginning| self.machine.begins(signal, beginning));
         }
     }
 

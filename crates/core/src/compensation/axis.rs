@@ -135,24 +135,19 @@ impl Axis {
     /// The machine was started: what is measured from that is captured from now on.
     pub(super) fn started(&mut self, machine: &MachineSettings, now: Moment) {
         self.renew(Reference::Start, now.after(machine.settle));
-        self.watched
-            .iter_mut()
-            .filter_map(|watched| watched.watch.as_mut())
-            .for_each(|watch| watch.started(now));
+        self.watch_anew(now);
     }
 
     /// At its period; at once where it never ran, where time went back, and where its control says something new.
     pub(super) fn is_due(&self, now: Moment, control: &Control) -> bool {
         let (Some(due), Some(last)) = (self.due, self.stepped) else { return true };
-        now >= due || now < last || control.permit != self.permit || control.takes_over() || control.teaches()
+        let is_new = control.permit != self.permit || control.trust;
+        now >= due || now < last || is_new || control.takes_over() || control.teaches()
     }
 
     pub(super) fn step(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, control: Control) {
         let now = snapshot.now;
         let dt = self.stepped.map_or(self.settings.every, |last| now.since(last));
-        if control.permit == Permit::Off && self.permit != Permit::Off {
-            self.trust(now);
-        }
         if self.zeroing.is_open() {
             let mut zeroing = std::mem::take(&mut self.zeroing);
             zeroing

@@ -111,6 +111,8 @@ pub enum Unusable {
     MachineOff,
     /// The reading of this signal is frozen, and nothing stands in for it.
     Frozen(SignalId),
+    /// This signal reads something again, which is not believed yet.
+    Unproven(SignalId),
     /// The result is not a finite number (a division by zero, a root of a negative number).
     NotANumber,
 }

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Snapshot;
 use super::settings::MachineSettings;
+use super::stand_in::Beginning;
 use crate::quantity::{Celsius, Moment, shifted};
 use crate::reading::SignalId;
 
@@ -45,6 +46,9 @@ struct Capture {
     #[serde(default)]
     at: Moment,
     gathering: Option<Gathering>,
+    /// It was not gathered when it could be read last: the sensor is not believed.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    withheld: bool,
     /// What of the time since then was not counted, at most: the machine was away.
     #[serde(default, skip_serializing_if = "Duration::is_zero")]
     away: Duration,
@@ -130,6 +134,33 @@ impl Machine {
         Some(Captured { value: Celsius::new(capture.value?)?, at: capture.at })
     }
 
+    /// A reference waits for its sensor to be believed.
+    pub(super) fn is_withheld(&self, reference: Reference, signal: SignalId) -> bool {
+        let captures = match reference {
+            Reference::Fixed(_) => return false,
+            Reference::Start => &self.start,
+            Reference::Zero => &self.zero,
+        };
+        captures.get(signal.0).is_some_and(|capture| capture.gathering.is_some() && capture.withheld)
+    }
+
+    /// A zero was commanded, and that of this signal is not captured yet.
+    pub(super) fn is_zeroed_anew(&self, signal: SignalId) -> bool {
+        self.zero.get(signal.0).is_some_and(|capture| capture.gathering.is_some())
+    }
+
+    /// A sensor is believed again, and this is what it began from. It holds where nothing was captured before it was distrusted.
+    pub(super) fn begins(&mut self, signal: SignalId, beginning: Beginning) {
+        let Some(capture) = self.start.get_mut(signal.0) else { return };
+        let Some(began) = self.on_since.filter(|_| beginning.value.is_finite()) else { return };
+        if capture.value.is_none() {
+            (capture.at, capture.away) = (began, self.on_before);
+        } else if capture.at < beginning.distrusted_since {
+            return;
+        }
+        (capture.value, capture.gathering) = (Some(beginning.value), None);
+    }
+
     /// Whether these values hold an edge, or the first good reading, that [`Machine::observe`] would act upon.
     pub fn would_notice(
         &self,
@@ -148,6 +179,16 @@ impl Machine {
 
     /// Takes in a snapshot: edges, the machine start, references being gathered.
     pub fn observe(&mut self, settings: &MachineSettings, snapshot: &Snapshot<'_>) -> Noticed {
+        self.observe_without(settings, snapshot, |_| false)
+    }
+
+    /// The same; nothing is gathered from a sensor that is not believed.
+    pub(super) fn observe_without(
+        &mut self,
+        settings: &MachineSettings,
+        snapshot: &Snapshot<'_>,
+        is_distrusted: impl Fn(SignalId) -> bool,
+    ) -> Noticed {
         let fresh = Capture { gathering: Some(Gathering::new(snapshot.now, settings)), ..Capture::default() };
         // A signal that the profile gained since the machine started is captured from now on.
         let unseen = if self.on_since.is_some() { fresh } else { Capture::default() };
@@ -169,7 +210,12 @@ impl Machine {
         for (place, reading) in snapshot.readings.iter().enumerate() {
             let Some(value) = reading.usable() else { continue };
             for captures in [&mut self.start, &mut self.zero] {
-                if let Some(capture) = captures.get_mut(place) {
+                let Some(capture) = captures.get_mut(place).filter(|capture| capture.gathering.is_some())
+                else {
+                    continue;
+                };
+                capture.withheld = is_distrusted(SignalId(place));
+                if !capture.withheld {
                     capture.gather(value, snapshot.now);
                 }
             }

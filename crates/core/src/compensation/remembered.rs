@@ -87,6 +87,7 @@ impl Remembered {
         for axis in &mut self.axes {
             let new_place = |old| names.clone().position(|name| place(name) == Some(old));
             axis.lags.retain_mut(|term| new_place(term.signal).inspect(|new| term.signal = *new).is_some());
+            axis.watches.retain_mut(|watch| watch.moves(new_place));
         }
         self
     }

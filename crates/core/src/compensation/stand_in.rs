@@ -12,40 +12,47 @@
 //! lost is replaced from its last good reading on, one that was lost when the machine started by x̂ as its rise.
 //!
 //! # Rules
-//! - A stand-in is never an input of another: what is frozen or lost predicts nothing.
-//! - A sensor is believed again when it has moved and stayed within θ of the prediction for an hour, and when its axis is
-//!   disarmed: a person has looked. Lost for less than 3 min it was the line that was lost, and it is believed at once;
-//!   so it is where nobody predicted it.
+//! - A sensor that is not believed is used for nothing, whatever it reads: where nobody says what it would read, lags
+//!   wait, nothing is learned, and no reference is captured from it.
+//! - A stand-in is never an input of another: what is frozen or lost predicts nothing. It serves the test alone, so that
+//!   a second sensor that freezes is found too; that one then is used for nothing.
+//! - A mean is that of the readings that there were. A prediction ends with the first whole minute in which one of those
+//!   it rests on had none, and where nobody looked for two minutes.
+//! - There is none while a lag that it rests on began on a warm machine less than five of its time constants ago, and
+//!   while one that it rests on is a tenth of its range beyond that on which the model was identified; the envelope says
+//!   so, input by input. Its distance does not count: a sensor that is frozen moves it itself.
+//! - A sensor is believed again when it has moved and stayed within θ of the prediction for an hour, and when a person
+//!   disarms its axis, who has looked. Lost for less than 3 min it was the line that was lost, and it is believed at
+//!   once; so it is where nobody could have said meanwhile what it reads.
+//! - What it would have read when the machine started is then what it reads less its predicted rise, where nothing was
+//!   captured that can be believed.
 //! - A machine start begins everything anew. Frozen stays frozen until it has moved.
 
 use std::time::Duration;
 
 use super::Snapshot;
-use super::model::stand_ins::StandIns;
+use super::model::stand_ins::{StandIns, VirtualSensor};
 use super::model::{Inputs, Lag, Model, Reference};
 use super::reference::Machine;
 use crate::quantity::{Moment, shifted};
 use crate::reading::SignalId;
 
+mod bank;
+mod instead;
 mod remembered;
 mod sensor;
 
+use bank::Gathered;
+pub(super) use instead::{Instead, Says};
 pub(super) use remembered::WatchRemembered;
-use sensor::{Sensor, Standing};
+pub(super) use sensor::Beginning;
+use sensor::{Predicted, Sensor, Standing, Verdict};
 use serde::{Deserialize, Serialize};
 
 /// What a prediction is the mean over.
 const MINUTE: Duration = Duration::from_secs(60);
-
-/// What others say that a sensor would read.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Instead {
-    pub(super) signal: SignalId,
-    /// In its unit; `None` where nobody knows what it begins from.
-    pub(super) value: Option<f64>,
-    /// Since the machine's start.
-    pub(super) rise: f64,
-}
+/// Where nobody looked for longer, what was predicted before says nothing of now.
+const PAUSE: Duration = Duration::from_secs(2 * 60);
 
 /// A sensor that others stand in for.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -58,6 +65,19 @@ pub struct StoodIn {
     pub frozen: bool,
     /// How many others say what it would read.
     pub others: usize,
+}
+
+/// A sensor of an axis that is not believed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Distrusted {
+    /// Which.
+    pub signal: SignalId,
+    /// Its reading last changed, or was last good, then.
+    pub since: Moment,
+    /// It reads the same all the time; else it was lost.
+    pub frozen: bool,
+    /// How many others stand in for it; `None` where it is used for nothing.
+    pub others: Option<usize>,
 }
 
 shifted!(StoodIn: since);
@@ -73,21 +93,14 @@ pub(super) struct Watch {
     shadows: Vec<Lag>,
     /// By term of the model: the sensor that it reads.
     of_terms: Vec<Option<usize>>,
-    /// Readings in the minute.
-    count: u32,
     /// When the minute ends.
     until: Option<Moment>,
-    /// What is used now; it never grows beyond the sensors.
+    /// When it looked last.
+    looked: Option<Moment>,
+    /// What is not believed now; it never grows beyond the sensors.
     instead: Vec<Instead>,
-}
-
-/// An input of the bank, and the sum of its rises in the minute.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Gathered {
-    lag: Lag,
-    sum: f64,
-    /// There was no rise somewhere in it.
-    missed: bool,
+    /// By sensor, where it was believed again in this step: what it began from.
+    beginnings: Vec<Option<Beginning>>,
 }
 
 impl Watch {
@@ -98,9 +111,10 @@ impl Watch {
             bank: vec![Gathered::default(); settings.bank().len()],
             shadows: model.rises().map(|_| Lag::default()).collect(),
             of_terms: model.rises().map(|input| place(input.signal)).collect(),
-            count: 0,
             until: None,
+            looked: None,
             instead: Vec::with_capacity(settings.sensors().len()),
+            beginnings: vec![None; settings.sensors().len()],
         }
     }
 
@@ -109,144 +123,191 @@ impl Watch {
         &self.instead
     }
 
-    /// Whether this sensor is frozen.
-    pub(super) fn is_frozen(&self, settings: &StandIns, signal: SignalId) -> bool {
-        let mut sensors = settings.sensors().iter().zip(&self.sensors);
-        sensors
-            .any(|(known, sensor)| known.signal == signal && matches!(sensor.standing, Standing::Frozen(_)))
-    }
-
-    /// The first of these sensors that others stand in for.
-    pub(super) fn stood_in(&self, settings: &StandIns, of: impl Fn(SignalId) -> bool) -> Option<StoodIn> {
-        let signal = self.instead.iter().map(|instead| instead.signal).find(|signal| of(*signal))?;
-        let place = settings.sensors().iter().position(|known| known.signal == signal)?;
-        let (since, frozen) = match self.sensors[place].standing {
-            Standing::Live => return None,
-            Standing::Frozen(since) => (since, true),
-            Standing::Lost(since) => (since, false),
-        };
-        Some(StoodIn { signal, since, frozen, others: settings.sensors()[place].others })
-    }
-
-    /// Everything begins anew with the machine.
-    pub(super) fn started(&mut self, now: Moment) {
-        self.sensors.iter_mut().for_each(|sensor| sensor.started(now));
-        self.begin_minute(now);
-        self.instead.clear();
-    }
-
-    /// A person has looked: every sensor that reads something is believed.
-    pub(super) fn trust(&mut self, now: Moment) {
-        self.sensors.iter_mut().for_each(|sensor| sensor.trust(now));
-        self.instead.clear();
-    }
-
-    /// Looks at the readings before the lags go on to them.
-    pub(super) fn look(&mut self, settings: &StandIns, snapshot: &Snapshot<'_>, machine: &Machine) {
-        for (known, sensor) in settings.sensors().iter().zip(&mut self.sensors) {
-            let reading = snapshot.readings.get(known.signal.0).and_then(|reading| reading.usable());
-            sensor.look(reading, snapshot.now);
-        }
-        self.fill(settings, snapshot, machine);
-    }
-
-    /// What is used instead, as it is known now.
-    fn fill(&mut self, settings: &StandIns, snapshot: &Snapshot<'_>, machine: &Machine) {
-        self.instead.clear();
-        for (place, known) in settings.sensors().iter().enumerate() {
-            let sensor = &self.sensors[place];
-            let Some(predicted) = sensor.predicted.filter(|_| known.stands_in && !sensor.is_live()) else {
-                continue;
-            };
-            if !self.is_predicted(settings, place, snapshot) {
-                continue;
-            }
-            let (signal, value) = (known.signal, sensor.value(predicted));
-            let start = machine.captured(Reference::Start, signal).filter(|_| sensor.began_before());
-            let rise = value.zip(start).map_or(predicted, |(value, start)| value - start.value.get());
-            self.instead.push(Instead { signal, value, rise });
-        }
-    }
-
-    /// Whether all that predict a sensor are good themselves.
-    fn is_predicted(&self, settings: &StandIns, place: usize, snapshot: &Snapshot<'_>) -> bool {
-        settings.sensors()[place].terms.iter().all(|(place, _)| {
-            let predictor = &settings.bank()[*place];
-            let reading = snapshot.readings.get(predictor.input.signal.0);
-            reading.is_some_and(|reading| reading.usable().is_some())
-                && predictor.sensor.is_none_or(|sensor| self.sensors[sensor].is_live())
+    /// The sensors that are not believed, with how many others stand in for each.
+    pub(super) fn distrusted<'a>(&'a self, settings: &'a StandIns) -> impl Iterator<Item = Distrusted> + 'a {
+        self.instead.iter().map(|instead| {
+            let Instead { signal, since, frozen, .. } = *instead;
+            let known = settings.sensors().iter().find(|known| known.signal == signal);
+            let others = known.filter(|_| instead.is_stood_in()).map(|known| known.others);
+            Distrusted { signal, since, frozen, others }
         })
     }
 
+    /// The machine was started: everything begins anew.
+    pub(super) fn started(&mut self, model: &Model, settings: &StandIns, now: Moment) {
+        self.sensors.iter_mut().for_each(|sensor| sensor.started(now));
+        for (input, shadow) in model.rises().zip(&mut self.shadows) {
+            shadow.started(input);
+        }
+        for (predictor, gathered) in settings.bank().iter().zip(&mut self.bank) {
+            gathered.lag.started(&predictor.input);
+            gathered.ready = Moment::default();
+        }
+        self.begin_minute(now);
+        self.fill(settings, None, now);
+    }
+
+    /// A person has looked: every sensor that reads something is believed.
+    pub(super) fn trust(&mut self, settings: &StandIns, machine: &Machine, now: Moment) {
+        for (sensor, beginning) in self.sensors.iter_mut().zip(&mut self.beginnings) {
+            if let Some(Verdict::Believed(found)) = sensor.trust(now) {
+                *beginning = found;
+            }
+        }
+        self.fill(settings, Some(machine), now);
+    }
+
+    /// Looks at the readings before anything goes on to them. `every`: how often that is meant to be.
+    pub(super) fn look(
+        &mut self,
+        settings: &StandIns,
+        snapshot: &Snapshot<'_>,
+        machine: &Machine,
+        every: Duration,
+    ) {
+        let now = snapshot.now;
+        let longest = PAUSE.max(every.saturating_mul(2));
+        if self.looked.is_some_and(|last| now < last || now.since(last) > longest) {
+            self.sensors.iter_mut().for_each(Sensor::pause);
+            self.begin_minute(now);
+        }
+        self.looked = Some(now);
+        for (known, sensor) in settings.sensors().iter().zip(&mut self.sensors) {
+            sensor.look(snapshot.reading(known.signal), now);
+        }
+        self.fill(settings, Some(machine), now);
+    }
+
+    /// What is used instead, as it is known now. Without a machine nothing was captured yet.
+    fn fill(&mut self, settings: &StandIns, machine: Option<&Machine>, now: Moment) {
+        self.instead.clear();
+        for (known, sensor) in settings.sensors().iter().zip(&self.sensors) {
+            let (since, frozen) = match sensor.standing {
+                Standing::Live => continue,
+                Standing::Frozen(since) => (since, true),
+                Standing::Lost(since) => (since, false),
+            };
+            let signal = known.signal;
+            let others = |rise: f64| {
+                let value = sensor.value(rise);
+                let start = machine.and_then(|machine| machine.captured(Reference::Start, signal));
+                let rise = value.zip(start).map_or(rise, |(value, start)| value - start.value.get());
+                Says::Others { value, rise }
+            };
+            let may = known.stands_in && !self.rests_on_a_frozen_one(settings, known);
+            let says = sensor.stand_in().filter(|_| may).map_or(Says::Nobody, others);
+            // Of one that reads nothing the reading itself says why.
+            if says != Says::Nobody || frozen || sensor.reads(now) {
+                self.instead.push(Instead { signal, frozen, since, says });
+            }
+        }
+    }
+
+    fn rests_on_a_frozen_one(&self, settings: &StandIns, known: &VirtualSensor) -> bool {
+        let of = |place: &usize| settings.bank()[*place].sensor;
+        known.terms.iter().filter_map(|(place, _)| of(place)).any(|sensor| self.sensors[sensor].is_frozen())
+    }
+
     /// After the lags of the model have gone on: their shadows and the bank do, and where the minute is over what
-    /// it says is looked at. `lags`: of one that is frozen they become their shadows.
+    /// it says is looked at. `lags`: of one that is frozen they become their shadows. `seen`: the readings as the model
+    /// sees them.
     pub(super) fn follow(
         &mut self,
         (model, settings): (&Model, &StandIns),
         lags: &mut [Lag],
-        snapshot: &Snapshot<'_>,
+        seen: &Snapshot<'_>,
         machine: &Machine,
     ) {
-        for (((input, lag), shadow), sensor) in
-            model.rises().zip(&*lags).zip(&mut self.shadows).zip(&self.of_terms)
-        {
-            let Some(sensor) = sensor.map(|place| &self.sensors[place]).filter(|sensor| sensor.is_live())
-            else {
-                continue;
-            };
-            let start = machine.captured(Reference::Start, input.signal);
-            let Some((value, start)) = sensor.shadowed().zip(start) else {
-                *shadow = *lag;
-                continue;
-            };
-            let (signal, rise) = (input.signal, value - start.value.get());
-            let instead = [Instead { signal, value: Some(value), rise }];
-            shadow.follow(input, &Snapshot { instead: &instead, ..*snapshot }, machine);
-        }
-        let seen = Snapshot { instead: &self.instead, ..*snapshot };
-        let inputs = Inputs { snapshot: seen, machine, lags: &[], splits_slope: false };
+        self.follow_shadows(model, lags, seen, machine);
         for (predictor, gathered) in settings.bank().iter().zip(&mut self.bank) {
-            gathered.lag.follow(&predictor.input, &seen, machine);
-            let rise = predictor.input.rise(&inputs, &gathered.lag).map(|rise| rise.get());
-            // Readings of 1e308 may be believed by a profile without ranges; their sum is no number.
-            match rise.ok().map(|rise| gathered.sum + rise).filter(|sum| sum.is_finite()) {
-                Some(sum) => gathered.sum = sum,
-                None => gathered.missed = true,
-            }
+            gathered.follow(predictor, seen, machine);
         }
-        self.count += 1;
-        let now = snapshot.now;
+        let now = seen.now;
         let until = *self.until.get_or_insert(now.after(MINUTE));
         if now >= until || until.since(now) > MINUTE {
-            self.judge(settings, snapshot, machine, lags);
+            self.judge((model, settings), seen, machine, lags);
             self.begin_minute(now);
         }
     }
 
+    /// A shadow goes on as its lag would, had the sensor frozen at its last change. Where nobody says how, it waits.
+    fn follow_shadows(&mut self, model: &Model, lags: &[Lag], seen: &Snapshot<'_>, machine: &Machine) {
+        let shadows = model.rises().zip(lags).zip(&mut self.shadows).zip(&self.of_terms);
+        for (((input, lag), shadow), sensor) in shadows {
+            let sensor = sensor.map(|place| &self.sensors[place]).filter(|sensor| sensor.is_live());
+            let Some(sensor) = sensor else { continue };
+            if sensor.renewed {
+                *shadow = *lag;
+                continue;
+            }
+            let start = machine.captured(Reference::Start, input.signal);
+            let Some((value, start)) = sensor.shadowed().zip(start) else { continue };
+            let says = Says::Others { value: Some(value), rise: value - start.value.get() };
+            let instead = Instead { signal: input.signal, frozen: true, since: sensor.changed(), says };
+            shadow.follow(input, &Snapshot { instead: &[instead], ..*seen }, machine);
+        }
+        for sensor in self.sensors.iter_mut().filter(|sensor| sensor.is_live()) {
+            sensor.renewed = false;
+        }
+    }
+
     /// What the minute that is over says of each sensor.
-    fn judge(&mut self, settings: &StandIns, snapshot: &Snapshot<'_>, machine: &Machine, lags: &mut [Lag]) {
-        let count = f64::from(self.count);
-        for (place, known) in settings.sensors().iter().enumerate() {
-            let is_whole = known.terms.iter().all(|(place, _)| !self.bank[*place].missed);
-            let rises = known.terms.iter().map(|(place, gain)| gain * self.bank[*place].sum / count);
-            let predicted = Some(rises.sum::<f64>())
-                .filter(|rise| rise.is_finite() && is_whole && self.is_predicted(settings, place, snapshot));
-            let sensor = &mut self.sensors[place];
-            let reading = snapshot.readings.get(known.signal.0).and_then(|reading| reading.usable());
-            if sensor.judge(predicted, reading, known.threshold, snapshot.now) {
-                let terms = lags.iter_mut().zip(&self.shadows).zip(&self.of_terms);
-                for ((lag, shadow), _) in terms.filter(|(_, of)| **of == Some(place)) {
-                    *lag = *shadow;
-                }
+    fn judge(
+        &mut self,
+        (model, settings): (&Model, &StandIns),
+        seen: &Snapshot<'_>,
+        machine: &Machine,
+        lags: &mut [Lag],
+    ) {
+        if let Some(envelope) = &model.envelope {
+            let inputs = Inputs { snapshot: *seen, machine, lags: &[], splits_slope: false };
+            for (predictor, gathered) in settings.bank().iter().zip(&mut self.bank) {
+                gathered.look_at_range(predictor, envelope, &inputs);
             }
         }
-        self.fill(settings, snapshot, machine);
+        for (place, known) in settings.sensors().iter().enumerate() {
+            let predicted = self.predict(settings, known, seen);
+            let reading = seen.reading(known.signal);
+            match self.sensors[place].judge(predicted, reading, known.threshold, seen.now) {
+                Verdict::AsBefore => {}
+                Verdict::Frozen => {
+                    let terms = lags.iter_mut().zip(&self.shadows).zip(&self.of_terms);
+                    for ((lag, shadow), _) in terms.filter(|(_, of)| **of == Some(place)) {
+                        *lag = *shadow;
+                    }
+                }
+                Verdict::Believed(beginning) => self.beginnings[place] = beginning,
+            }
+        }
+        self.fill(settings, Some(machine), seen.now);
+    }
+
+    /// What the minute says of one sensor; `None` where somebody is missing who is needed for that.
+    fn predict(&self, settings: &StandIns, known: &VirtualSensor, seen: &Snapshot<'_>) -> Option<Predicted> {
+        let mut predicted = Predicted { rise: 0.0, lent: false, present: true };
+        for (place, gain) in &known.terms {
+            let (predictor, gathered) = (&settings.bank()[*place], &self.bank[*place]);
+            let is_frozen = predictor.sensor.is_some_and(|sensor| self.sensors[sensor].is_frozen());
+            let (rise, lent) = gathered.rise(is_frozen, seen.now).filter(|_| !gathered.beyond)?;
+            predicted.rise += gain * rise;
+            predicted.lent |= lent;
+            let signal = predictor.input.signal;
+            predicted.present &= seen.instead_of(signal).is_none() && seen.reading(signal).is_some();
+        }
+        Some(predicted).filter(|predicted| predicted.rise.is_finite())
     }
 
     fn begin_minute(&mut self, now: Moment) {
-        (self.count, self.until) = (0, Some(now.after(MINUTE)));
-        for gathered in &mut self.bank {
-            (gathered.sum, gathered.missed) = (0.0, false);
+        self.until = Some(now.after(MINUTE));
+        self.bank.iter_mut().for_each(Gathered::begin_minute);
+    }
+
+    /// Of each sensor that was believed again since this was asked: what it began from.
+    pub(super) fn take_beginnings(&mut self, settings: &StandIns, mut take: impl FnMut(SignalId, Beginning)) {
+        for (known, beginning) in settings.sensors().iter().zip(&mut self.beginnings) {
+            if let Some(beginning) = beginning.take() {
+                take(known.signal, beginning);
+            }
         }
     }
 }

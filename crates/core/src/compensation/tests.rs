@@ -6,6 +6,7 @@ use crate::reading::Reason;
 use std::time::Duration;
 
 mod datum;
+mod distrusted;
 mod expected;
 mod intercept_slope;
 mod lags;

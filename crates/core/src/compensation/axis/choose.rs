@@ -40,6 +40,9 @@ impl Axis {
         snapshot: &Snapshot<'_>,
         machine: &Machine,
     ) -> Result<Evaluated, Unusable> {
+        if let Some(unknown) = self.unknown_in(place) {
+            return Err(unknown.unusable());
+        }
         let (model, inputs) = self.model(place, snapshot, machine).ok_or(Unusable::NotANumber)?;
         model.evaluate(&inputs)
     }
@@ -67,11 +70,7 @@ impl Axis {
     ) -> (Option<Chosen>, Option<Unusable>) {
         let mut lacks = None;
         for place in 0..self.settings.models.len() {
-            let evaluated = match self.frozen_in(place) {
-                Some(frozen) => Err(Unusable::Frozen(frozen)),
-                None => self.evaluate(place, snapshot, machine),
-            };
-            match evaluated {
+            match self.evaluate(place, snapshot, machine) {
                 Ok(evaluated) => {
                     let correction = self.correction(place, snapshot, machine);
                     return (self.chosen(place, evaluated, correction), lacks);

@@ -1,9 +1,9 @@
 //! What of an axis's models is stood in for, and what cannot be used at all.
 
 use super::Axis;
-use crate::compensation::StoodIn;
 use crate::compensation::model::{Model, StandIns};
-use crate::compensation::stand_in::Watch;
+use crate::compensation::stand_in::{Beginning, Instead, Says, Watch};
+use crate::compensation::{Distrusted, StoodIn};
 use crate::compensation::{Snapshot, reference::Machine};
 use crate::quantity::Moment;
 use crate::reading::SignalId;
@@ -14,40 +14,75 @@ pub(in crate::compensation) struct Watched {
     /// The signals that the model reads.
     reads: Vec<SignalId>,
     pub(in crate::compensation) watch: Option<Watch>,
+    /// What is used instead of readings: what its own watch does not believe, and what another one of the axis does not.
+    /// It never grows beyond the sensors of all of them.
+    instead: Vec<Instead>,
 }
 
 impl Watched {
     pub(super) fn all(models: &[Model]) -> Vec<Watched> {
+        let sensors = models.iter().filter_map(|model| model.stand_ins.as_ref()).flat_map(StandIns::watched);
+        let sensors = sensors.count();
         let one = |model: &Model| Watched {
             reads: model.signals(),
             watch: model.stand_ins.as_ref().map(|settings| Watch::new(model, settings)),
+            instead: Vec::with_capacity(sensors),
         };
         models.iter().map(one).collect()
     }
 
     /// The readings as the model sees them.
     pub(super) fn seen<'a>(&'a self, snapshot: &Snapshot<'a>) -> Snapshot<'a> {
-        let instead = self.watch.as_ref().map_or(&[][..], Watch::instead);
-        Snapshot { instead, ..*snapshot }
+        Snapshot { instead: &self.instead, ..*snapshot }
     }
 }
 
 impl Axis {
+    /// Looks at the readings, before anything goes on to them.
+    pub(in crate::compensation) fn look(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
+        let every = self.settings.every;
+        for (settings, _, watch) in self.watches_mut() {
+            watch.look(settings, snapshot, machine, every);
+        }
+        self.present();
+    }
+
     /// The lags go on to this snapshot, those of an axis that is not due or not armed too: its structure does not wait.
     pub(in crate::compensation) fn follow(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
         for ((model, lags), watched) in self.settings.models.iter().zip(&mut self.lags).zip(&mut self.watched)
         {
-            if let (Some(settings), Some(watch)) = (&model.stand_ins, &mut watched.watch) {
-                watch.look(settings, snapshot, machine);
-            }
-            let seen = watched.seen(snapshot);
+            let seen = Snapshot { instead: &watched.instead, ..*snapshot };
             for (input, lag) in model.rises().zip(lags.iter_mut()) {
                 lag.follow(input, &seen, machine);
             }
             if let (Some(settings), Some(watch)) = (&model.stand_ins, &mut watched.watch) {
-                watch.follow((model, settings), lags, snapshot, machine);
+                watch.follow((model, settings), lags, &seen, machine);
             }
         }
+        self.present();
+    }
+
+    /// Every model sees what its own watch says, and uses nothing that another watch of the axis does not believe.
+    fn present(&mut self) {
+        for place in 0..self.watched.len() {
+            let mut instead = std::mem::take(&mut self.watched[place].instead);
+            instead.clear();
+            instead.extend(self.watched[place].watch.iter().flat_map(Watch::instead));
+            for watch in self.watched.iter().filter_map(|watched| watched.watch.as_ref()) {
+                for other in watch.instead() {
+                    if !instead.iter().any(|known| known.signal == other.signal) {
+                        instead.push(Instead { says: Says::Nobody, ..*other });
+                    }
+                }
+            }
+            self.watched[place].instead = instead;
+        }
+    }
+
+    fn watches_mut(&mut self) -> impl Iterator<Item = (&StandIns, &Model, &mut Watch)> {
+        let models = self.settings.models.iter().zip(&mut self.watched);
+        models
+            .filter_map(|(model, watched)| Some((model.stand_ins.as_ref()?, model, watched.watch.as_mut()?)))
     }
 
     /// Each watch, with what it goes by.
@@ -56,35 +91,87 @@ impl Axis {
         models.filter_map(|(model, watched)| model.stand_ins.as_ref().zip(watched.watch.as_ref()))
     }
 
-    /// A signal that a model reads, that one of the axis's watches found frozen, and that nothing stands in for there.
-    pub(super) fn frozen_in(&self, place: usize) -> Option<SignalId> {
+    /// A sensor that a model reads, that one of the axis's watches does not believe, and that nothing stands in for there.
+    pub(super) fn unknown_in(&self, place: usize) -> Option<&Instead> {
         let watched = self.watched.get(place)?;
-        let instead = watched.watch.as_ref().map_or(&[][..], Watch::instead);
-        let is_replaced = |id: &&SignalId| instead.iter().any(|instead| instead.signal == **id);
-        let is_frozen =
-            |id: &&SignalId| self.watches().any(|(settings, watch)| watch.is_frozen(settings, **id));
-        let mut reads = watched.reads.iter();
-        reads.find(|id| is_frozen(id) && !is_replaced(id)).copied()
+        let mut unknown = watched.instead.iter().filter(|instead| !instead.is_stood_in());
+        unknown.find(|instead| watched.reads.contains(&instead.signal))
     }
 
     /// A signal that a model reads and that others stand in for.
     pub(super) fn stood_in(&self, place: usize) -> Option<StoodIn> {
-        let (model, watched) = (self.settings.models.get(place)?, self.watched.get(place)?);
-        let (settings, watch) = model.stand_ins.as_ref().zip(watched.watch.as_ref())?;
-        watch.stood_in(settings, |signal| watched.reads.contains(&signal))
+        let reads = &self.watched.get(place)?.reads;
+        let mut found = self.distrusted_in(place).filter(|found| reads.contains(&found.signal));
+        found.find_map(|Distrusted { signal, since, frozen, others }| {
+            Some(StoodIn { signal, since, frozen, others: others? })
+        })
     }
 
-    /// Whether others stand in for this signal of this model.
-    pub(in crate::compensation) fn is_stood_in(&self, place: usize, signal: SignalId) -> bool {
+    /// What the watch over a model does not believe.
+    fn distrusted_in(&self, place: usize) -> impl Iterator<Item = Distrusted> {
         let watch = self.watched.get(place).and_then(|watched| watched.watch.as_ref());
-        watch.is_some_and(|watch| watch.instead().iter().any(|instead| instead.signal == signal))
+        let settings = self.settings.models.get(place).and_then(|model| model.stand_ins.as_ref());
+        settings.zip(watch).into_iter().flat_map(|(settings, watch)| watch.distrusted(settings))
+    }
+
+    /// The sensors that the axis does not believe, each once: as the model in use has it, where its watch is one of those
+    /// that say so.
+    pub(in crate::compensation) fn distrusted(&self) -> impl Iterator<Item = Distrusted> {
+        let used = self.decision.model.into_iter().flat_map(|place| self.distrusted_in(place));
+        let others = self.watches().enumerate().flat_map(move |(place, (settings, watch))| {
+            let is_new = move |found: &Distrusted| {
+                let before = self.watches().take(place).flat_map(|(_, watch)| watch.instead());
+                let used = self.decision.model.into_iter().flat_map(|place| self.distrusted_in(place));
+                !before
+                    .map(|known| known.signal)
+                    .chain(used.map(|known| known.signal))
+                    .any(|id| id == found.signal)
+            };
+            watch.distrusted(settings).filter(is_new).map(|found| Distrusted { others: None, ..found })
+        });
+        used.chain(others)
+    }
+
+    /// Whether one of its watches does not believe this signal.
+    pub(in crate::compensation) fn distrusts(&self, signal: SignalId) -> bool {
+        self.watches().any(|(_, watch)| watch.instead().iter().any(|instead| instead.signal == signal))
+    }
+
+    /// Those whose readings a model's value for this signal comes from; none where it is its own reading.
+    pub(in crate::compensation) fn predictors(
+        &self,
+        place: usize,
+        signal: SignalId,
+    ) -> Option<impl Iterator<Item = SignalId>> {
+        let watched = self.watched.get(place)?;
+        let is_it = |instead: &Instead| instead.signal == signal && instead.is_stood_in();
+        watched.instead.iter().any(is_it).then_some(())?;
+        Some(self.settings.models.get(place)?.stand_ins.as_ref()?.predictors(signal))
+    }
+
+    /// The machine was started: what was watched begins anew.
+    pub(super) fn watch_anew(&mut self, now: Moment) {
+        for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
+            model.rises().zip(lags).for_each(|(input, lag)| lag.started(input));
+        }
+        for (settings, model, watch) in self.watches_mut() {
+            watch.started(model, settings, now);
+        }
+        self.present();
     }
 
     /// A person has looked: whatever reads something is believed.
-    pub(super) fn trust(&mut self, now: Moment) {
-        self.watched
-            .iter_mut()
-            .filter_map(|watched| watched.watch.as_mut())
-            .for_each(|watch| watch.trust(now));
+    pub(in crate::compensation) fn trust(&mut self, machine: &Machine, now: Moment) {
+        for (settings, _, watch) in self.watches_mut() {
+            watch.trust(settings, machine, now);
+        }
+        self.present();
+    }
+
+    /// Of each sensor that was believed again since this was asked: what it began from.
+    pub(in crate::compensation) fn take_beginnings(&mut self, mut take: impl FnMut(SignalId, Beginning)) {
+        for (settings, _, watch) in self.watches_mut() {
+            watch.take_beginnings(settings, &mut take);
+        }
     }
 }

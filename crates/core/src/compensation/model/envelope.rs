@@ -51,6 +51,14 @@ pub struct Identified {
     pub range: (f64, f64),
 }
 
+impl Identified {
+    /// How far this rise is beyond the smallest or the largest value, as a share of their distance; negative inside.
+    fn beyond(&self, rise: f64) -> f64 {
+        let (min, max) = self.range;
+        (min - rise).max(rise - max) / (max - min)
+    }
+}
+
 /// A region.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Envelope {
@@ -184,14 +192,23 @@ impl Envelope {
         Ok(self.judge(&rises))
     }
 
+    /// How far the worst input of this signal is beyond its smallest or largest value, as a share of their distance; negative
+    /// inside. `None` where the envelope does not know the signal, or it has no rise.
+    pub(in crate::compensation) fn beyond_range(&self, signal: SignalId, inputs: &Inputs<'_>) -> Option<f64> {
+        let known = self.inputs.iter().filter(|known| known.input.signal == signal);
+        let shares =
+            known.filter_map(|known| Some(known.beyond(known.input.rise(inputs, &Lag::NONE).ok()?.get())));
+        shares.reduce(f64::max)
+    }
+
     fn judge(&self, rises: &[f64; MOST]) -> Coverage {
         let mut share = f64::NEG_INFINITY;
         let mut farthest = None;
         for (known, rise) in self.inputs.iter().zip(rises) {
-            let (min, max) = known.range;
-            let of_range = (min - rise).max(rise - max) / (max - min);
+            let of_range = known.beyond(*rise);
             if of_range > share {
                 share = of_range;
+                let (min, max) = known.range;
                 let by = rise - rise.clamp(min, max);
                 farthest = (of_range > 0.0).then_some(Beyond { signal: known.input.signal, by });
             }

@@ -5,6 +5,7 @@ use std::time::Duration;
 use super::{Inputs, Lag, Term, Unusable};
 use crate::compensation::Snapshot;
 use crate::compensation::reference::{Captured, Machine, Reference};
+use crate::compensation::stand_in::{Instead, Says};
 use crate::quantity::{Celsius, MicronPerMillimetreCelsius, Moment};
 use crate::reading::SignalId;
 
@@ -49,23 +50,16 @@ impl Input {
     ///
     /// # Errors
     /// The signal cannot be used, its reference has not been captured, or its square is no finite number.
-    pub(super) fn level(
+    pub(in crate::compensation) fn level(
         &self,
         snapshot: &Snapshot<'_>,
         machine: &Machine,
     ) -> Result<(f64, Captured), Unusable> {
-        let captured = machine.captured(self.reference, self.signal);
-        let (value, reference) = match (snapshot.instead_of(self.signal), self.reference) {
-            // A rise that others predict needs no captured beginning.
-            (Some(instead), Reference::Start) => {
-                let start = captured.unwrap_or(Captured { value: Celsius::ZERO, at: Moment::default() });
-                (start.value.get() + instead.rise, start)
-            }
-            // What they say since the last zero is not known.
-            (Some(_), Reference::Zero) => return Err(Unusable::Signal(self.signal)),
-            _ => {
+        let (value, reference) = match snapshot.instead_of(self.signal) {
+            Some(instead) => self.level_of(instead, machine).ok_or(instead.unusable())?,
+            None => {
                 let value = snapshot.value(self.signal).ok_or(Unusable::Signal(self.signal))?;
-                (value, captured.ok_or(Unusable::Reference(self.signal))?)
+                (value, machine.captured(self.reference, self.signal).ok_or_else(|| self.misses(machine))?)
             }
         };
         if !self.squared {
@@ -74,6 +68,35 @@ impl Input {
         let square = |value: f64| Celsius::new(value * value).ok_or(Unusable::NotANumber);
         let from = square(reference.value.get())?;
         Ok((square(value)?.get(), Captured { value: from, ..reference }))
+    }
+
+    /// The same of what others say.
+    fn level_of(&self, instead: &Instead, machine: &Machine) -> Option<(f64, Captured)> {
+        let Says::Others { value, rise } = instead.says else { return None };
+        let captured = machine.captured(self.reference, self.signal);
+        match self.reference {
+            // A rise that others predict needs no captured beginning; the square of a value does.
+            Reference::Start => {
+                let unread = Captured { value: Celsius::ZERO, at: Moment::default() };
+                let start = if self.squared { captured? } else { captured.unwrap_or(unread) };
+                Some((start.value.get() + rise, start))
+            }
+            // A zero that was taken since then is not known.
+            Reference::Zero => {
+                let is_known =
+                    |zero: &Captured| zero.at <= instead.since && !machine.is_zeroed_anew(self.signal);
+                Some((value?, captured.filter(is_known)?))
+            }
+            Reference::Fixed(_) => Some((value?, captured?)),
+        }
+    }
+
+    /// Why there is no reference: it waits, for the machine or for its sensor.
+    fn misses(&self, machine: &Machine) -> Unusable {
+        if machine.is_withheld(self.reference, self.signal) {
+            return Unusable::Unproven(self.signal);
+        }
+        Unusable::Reference(self.signal)
     }
 
     /// The rise now; behind its lag, where it has one.

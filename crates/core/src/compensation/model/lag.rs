@@ -13,7 +13,8 @@
 //! The temperature y itself is kept, not its rise, so that a reference may move without disturbing what is under way.
 //! - A term that begins is at rest on its reference: the article's t = 0.
 //! - A fixed reference is subtracted.
-//! - A machine start begins the term anew: y is the temperature at the start.
+//! - A machine start begins the term anew: y is the temperature at the start. Where that was not read, and becomes known
+//!   later, y moves with it: the rise goes on.
 //! - A zero lets y go on and measures from the y of that moment: the rise is zero there, and what the structure still
 //!   has to make up comes afterwards. Measured from the sensor's own temperature, the rise would jump by that rest.
 
@@ -59,11 +60,21 @@ impl Lag {
         self.0
     }
 
+    /// The machine was started. One that is measured from that, and whose start nobody could read, begins anew; every other
+    /// one does where its start is captured.
+    pub(in crate::compensation) fn started(&mut self, input: &Input) {
+        let is_captured = self.0.is_some_and(|lagged| lagged.captured != Moment::default());
+        if input.reference == Reference::Start && !is_captured {
+            self.0 = None;
+        }
+    }
+
     /// Goes on to this snapshot. A reading that cannot be used is waited for: the gap is a straight line to the next.
     pub fn follow(&mut self, input: &Input, snapshot: &Snapshot<'_>, machine: &Machine) {
         let Some(constant) = input.lag else { return };
         let Ok((value, reference)) = input.level(snapshot, machine) else { return };
         let mut lagged = self.0.unwrap_or_else(|| Lagged::begin(value, reference, snapshot.now));
+        lagged.begin_from(input.reference, reference);
         lagged.advance(value, snapshot.now, constant);
         lagged.measure_from(input.reference, reference);
         // A reading of 1e308 may be believed by a profile without ranges; it must not stay for ever.
@@ -115,6 +126,16 @@ impl Lagged {
         }
         self.at = now;
         self.input = input;
+    }
+
+    /// What was not read at the machine's start is known now, or known better: the rise that is under way stays what it is.
+    fn begin_from(&mut self, kind: Reference, reference: Captured) {
+        let is_belated = self.captured == Moment::default() || self.captured == reference.at;
+        let by = reference.value.get() - self.from;
+        if kind == Reference::Start && is_belated && by.abs() > 0.0 {
+            (self.input, self.follower) = (self.input + by, self.follower + by);
+            (self.from, self.captured) = (reference.value.get(), reference.at);
+        }
     }
 
     fn has_followed(&self, now: Moment, input: f64, reference: Captured) -> bool {

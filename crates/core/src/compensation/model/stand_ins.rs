@@ -84,6 +84,12 @@ impl StandIns {
         self.sensors.iter().map(|sensor| (sensor.signal, sensor.stands_in))
     }
 
+    /// What a sensor is predicted from; a signal that counts with several lags is named as often.
+    pub fn predictors(&self, signal: SignalId) -> impl Iterator<Item = SignalId> {
+        let sensor = self.sensors.iter().filter(move |sensor| sensor.signal == signal);
+        sensor.flat_map(|sensor| &sensor.terms).map(|(place, _)| self.bank[*place].input.signal)
+    }
+
     pub(in crate::compensation) fn sensors(&self) -> &[VirtualSensor] {
         &self.sensors
     }

@@ -24,12 +24,32 @@ pub(super) struct Sensor {
     from: Option<f64>,
     /// x̂ there.
     base: Option<f64>,
-    /// x̂ of the last minute; `None` where some other sensor was missing.
-    pub(super) predicted: Option<f64>,
-    /// It has moved since it was frozen or lost.
+    /// Both are of a reading that is to be proven, because the machine had started without one.
+    #[serde(default)]
+    tentative: bool,
+    /// x̂ of the last minute; `None` where nobody could say.
+    predicted: Option<Predicted>,
+    /// It has moved since it was frozen, or is back since it was lost.
     moved: bool,
     /// Since when it agrees with the prediction again.
     agrees: Option<Moment>,
+    /// Others could say for minutes what it would read while it was lost.
+    #[serde(default)]
+    was_predicted: bool,
+    /// Its reading is counted anew, and its shadows do not know yet.
+    #[serde(default)]
+    pub(super) renewed: bool,
+}
+
+/// What others say of a sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Predicted {
+    /// Its rise since the machine's start.
+    pub(super) rise: f64,
+    /// Some of them are stood in for themselves: good enough to find a frozen sensor, and for nothing else.
+    pub(super) lent: bool,
+    /// All of them read something now, and are believed.
+    pub(super) present: bool,
 }
 
 /// How a sensor stands.
@@ -43,6 +63,25 @@ pub(super) enum Standing {
     Frozen(Moment),
     /// It had no good reading after this.
     Lost(Moment),
+}
+
+/// What a minute has shown of a sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Verdict {
+    /// Nothing new.
+    AsBefore,
+    /// It is frozen from now on.
+    Frozen,
+    /// It is believed again.
+    Believed(Option<Beginning>),
+}
+
+/// What a sensor would have read when the machine started, which nobody could read then.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::compensation) struct Beginning {
+    pub(in crate::compensation) value: f64,
+    /// What was captured since then is not to be believed.
+    pub(in crate::compensation) distrusted_since: Moment,
 }
 
 shifted!(Sensor: standing, read, changed, agrees);
@@ -60,19 +99,42 @@ impl Sensor {
         self.standing == Standing::Live
     }
 
-    /// What it would read, where others predict this.
-    pub(super) fn value(&self, predicted: f64) -> Option<f64> {
-        self.from.zip(self.base).map(|(from, base)| from + predicted - base)
+    pub(super) fn is_frozen(&self) -> bool {
+        matches!(self.standing, Standing::Frozen(_))
     }
 
-    /// It was there when the machine started: what was captured then is the beginning of its rise.
-    pub(super) fn began_before(&self) -> bool {
-        self.from.is_some()
+    /// It reads something at this moment, which it was shown already.
+    pub(super) fn reads(&self, now: Moment) -> bool {
+        self.reading.is_some() && self.read == now
     }
 
-    /// What a shadow follows: the prediction since the reading last changed; `None` where it is the reading.
+    /// When it last changed.
+    pub(super) fn changed(&self) -> Moment {
+        self.changed
+    }
+
+    /// Its rise, where others say it who are good themselves.
+    pub(super) fn stand_in(&self) -> Option<f64> {
+        self.predicted.filter(|predicted| !predicted.lent).map(|predicted| predicted.rise)
+    }
+
+    /// What it would read where others predict this rise, as far as what it begins from is certain.
+    pub(super) fn value(&self, rise: f64) -> Option<f64> {
+        self.expected(rise).filter(|_| !self.tentative)
+    }
+
+    fn expected(&self, rise: f64) -> Option<f64> {
+        self.from.zip(self.base).map(|(from, base)| from + rise - base)
+    }
+
+    /// What a shadow follows: the prediction since the reading last changed; `None` where there is none.
     pub(super) fn shadowed(&self) -> Option<f64> {
-        self.value(self.predicted?)
+        self.value(self.predicted?.rise)
+    }
+
+    /// Nobody looked for a while: what was predicted before says nothing of now.
+    pub(super) fn pause(&mut self) {
+        (self.predicted, self.agrees) = (None, None);
     }
 
     pub(super) fn look(&mut self, reading: Option<f64>, now: Moment) {
@@ -80,7 +142,11 @@ impl Sensor {
             if self.is_live() {
                 let since = if self.reading.is_some() { self.read } else { now };
                 (self.standing, self.from) = (Standing::Lost(since), self.reading);
-                self.base = self.predicted.or(self.base).filter(|_| self.reading.is_some());
+                let base = self.predicted.map(|predicted| predicted.rise).or(self.base);
+                (self.base, self.was_predicted) = (base.filter(|_| self.reading.is_some()), false);
+            }
+            if self.is_lost() && self.tentative {
+                (self.from, self.base, self.tentative) = (None, None, false);
             }
             (self.moved, self.agrees) = (self.moved && !self.is_lost(), None);
             return;
@@ -90,10 +156,15 @@ impl Sensor {
         match self.standing {
             Standing::Live if has_changed => self.begin(value, now),
             Standing::Live => {}
-            Standing::Lost(since) if now.since(since) < SHORT || self.predicted.is_none() => {
+            // It was the line that was lost, or all that could have said what it reads with it.
+            Standing::Lost(since) if now.since(since) < SHORT || !self.was_predicted => {
                 self.begin(value, now);
             }
-            Standing::Frozen(_) | Standing::Lost(_) => self.moved |= has_changed,
+            Standing::Lost(_) => self.moved = true,
+            Standing::Frozen(_) => self.moved |= has_changed,
+        }
+        if self.moved && !self.is_live() && self.from.is_none() {
+            (self.from, self.base, self.tentative) = (Some(value), None, true);
         }
     }
 
@@ -105,60 +176,80 @@ impl Sensor {
             changed: now,
             from: Some(value),
             predicted: self.predicted,
+            renewed: true,
             ..Sensor::default()
         };
     }
 
-    /// Takes in what was predicted of the minute that is over; whether it is frozen from now on.
+    /// Takes in what was predicted of the minute that is over.
     pub(super) fn judge(
         &mut self,
-        predicted: Option<f64>,
+        predicted: Option<Predicted>,
         reading: Option<f64>,
         threshold: f64,
         now: Moment,
-    ) -> bool {
+    ) -> Verdict {
         self.predicted = predicted;
-        let Some(predicted) = predicted else {
+        let Some(Predicted { rise, lent, present }) = predicted else {
             self.agrees = None;
-            return false;
+            return Verdict::AsBefore;
         };
-        let base = *self.base.get_or_insert(predicted);
         if self.is_live() {
-            let is_frozen = now.since(self.changed) >= SHORT && (predicted - base).abs() > threshold;
-            if is_frozen {
-                (self.standing, self.moved, self.agrees) = (Standing::Frozen(self.changed), false, None);
+            let base = *self.base.get_or_insert(rise);
+            if now.since(self.changed) < SHORT || (rise - base).abs() <= threshold {
+                return Verdict::AsBefore;
             }
-            return is_frozen;
+            (self.standing, self.moved, self.agrees) = (Standing::Frozen(self.changed), false, None);
+            return Verdict::Frozen;
         }
-        let apart = reading.zip(self.value(predicted)).map(|(reading, value)| (reading - value).abs());
+        if lent {
+            self.agrees = None;
+            return Verdict::AsBefore;
+        }
+        if let Standing::Lost(since) = self.standing {
+            self.was_predicted |= present && now.since(since) >= SHORT;
+        }
+        self.base.get_or_insert(rise);
+        let apart = reading.zip(self.expected(rise)).map(|(reading, value)| (reading - value).abs());
         if !(self.moved && apart.is_some_and(|apart| apart <= threshold)) {
             self.agrees = None;
+            // Where it begins is not known: its way is compared from here.
+            if let Some(reading) = reading.filter(|_| self.tentative) {
+                (self.from, self.base) = (Some(reading), Some(rise));
+            }
         } else if now.since(*self.agrees.get_or_insert(now)) >= AGREES_FOR
             && let Some(reading) = reading
         {
-            self.begin(reading, now);
+            return Verdict::Believed(self.believe(reading, now));
         }
-        false
+        Verdict::AsBefore
     }
 
-    pub(super) fn trust(&mut self, now: Moment) {
-        if let Some(reading) = self.reading.filter(|_| !self.is_live() && self.read == now) {
-            self.begin(reading, now);
-        }
+    /// A person has looked: what it reads is believed; `None` where nothing is new.
+    pub(super) fn trust(&mut self, now: Moment) -> Option<Verdict> {
+        let reading = self.reading.filter(|_| !self.is_live() && self.reads(now))?;
+        Some(Verdict::Believed(self.believe(reading, now)))
+    }
+
+    /// Believes it again; what it began from, as the others have it, unless it has read the same ever since.
+    fn believe(&mut self, reading: f64, now: Moment) -> Option<Beginning> {
+        let (Standing::Frozen(since) | Standing::Lost(since)) = self.standing else { return None };
+        let rise = self.stand_in().filter(|_| self.moved);
+        self.begin(reading, now);
+        Some(Beginning { value: reading - rise?, distrusted_since: since })
     }
 
     /// The machine was started: rises are counted from nothing. Where a sensor that is not believed begins, nobody knows.
     pub(super) fn started(&mut self, now: Moment) {
-        let is_there = self.reading.is_some() && self.read == now;
         let is_believed = match self.standing {
             Standing::Live => true,
             Standing::Frozen(_) => self.moved,
-            Standing::Lost(_) => is_there,
+            Standing::Lost(_) => self.reads(now),
         };
         self.predicted = None;
         match self.reading.filter(|_| is_believed) {
             Some(reading) => self.begin(reading, now),
-            None => (self.from, self.base, self.agrees) = (None, Some(0.0), None),
+            None => (self.from, self.base, self.tentative, self.agrees) = (None, None, false, None),
         }
     }
 

@@ -7,12 +7,12 @@ use crate::compensation::model::StandIns;
 use crate::compensation::model::stand_ins::Described;
 use crate::quantity::of;
 
-const COLUMN: SignalId = SignalId(2);
+pub(super) const COLUMN: SignalId = SignalId(2);
 /// °C.
-const THRESHOLD: f64 = 0.3;
+pub(super) const THRESHOLD: f64 = 0.3;
 
 /// The bed is the mean of the others, and the wheelhead is the column: the bed has no part in it.
-fn stand_ins(file: u64) -> StandIns {
+pub(super) fn stand_ins(file: u64) -> StandIns {
     let sensor = |signal, terms| Described { signal, threshold: THRESHOLD, stands_in: true, terms };
     let bed = vec![Described::term(WHEELHEAD, None, 0.5), Described::term(COLUMN, None, 0.5)];
     let wheelhead = vec![Described::term(COLUMN, None, 1.0), Described::term(BED, None, 0.0)];
@@ -20,7 +20,7 @@ fn stand_ins(file: u64) -> StandIns {
     StandIns::new(vec![sensor(BED, bed), sensor(WHEELHEAD, wheelhead), sensor(COLUMN, column)], file)
 }
 
-fn rises() -> Model {
+pub(super) fn rises() -> Model {
     let terms = [
         term(BED, 2.0, Reference::Start),
         lagged(BED, 3.0, Reference::Start, Some(seconds(1800.0))),
@@ -29,24 +29,24 @@ fn rises() -> Model {
     linear("rises", 0.0, &terms)
 }
 
-fn settings(file: u64) -> AxisSettings {
+pub(super) fn settings(file: u64) -> AxisSettings {
     let watched = Model { stand_ins: Some(stand_ins(file)), ..rises() };
     axis(vec![watched, linear("wheelhead", 0.0, &[term(WHEELHEAD, 1.0, Reference::Start)])])
 }
 
 /// The same machine twice: one whose sensors fail, and one whose do not.
-struct Twins {
-    failing: Rig,
-    whole: Rig,
-    minutes: f64,
+pub(super) struct Twins {
+    pub(super) failing: Rig,
+    pub(super) whole: Rig,
+    pub(super) minutes: f64,
     /// °C a minute.
-    slope: f64,
-    frozen: [Option<f64>; 3],
-    lost: [bool; 3],
+    pub(super) slope: f64,
+    pub(super) frozen: [Option<f64>; 3],
+    pub(super) lost: [bool; 3],
 }
 
 impl Twins {
-    fn new(slope: f64) -> Twins {
+    pub(super) fn new(slope: f64) -> Twins {
         let (failing, whole) = (Rig::new(settings(1)), Rig::new(axis(vec![rises()])));
         Twins { failing, whole, minutes: 0.0, slope, frozen: [None; 3], lost: [false; 3] }
     }
@@ -55,12 +55,20 @@ impl Twins {
         20.0 + place as f64 + self.slope * self.minutes
     }
 
-    fn freeze(&mut self, signal: SignalId) {
+    pub(super) fn freeze(&mut self, signal: SignalId) {
         self.frozen[signal.0] = Some(self.true_value(signal.0));
     }
 
+    /// A person disarms the failing one, and arms it again.
+    pub(super) fn look(&mut self) {
+        self.failing.control.trust = true;
+        self.failing.permit(Permit::Off);
+        self.run(0.1);
+        self.failing.permit(Permit::Armed);
+    }
+
     /// Both a while later, every ten seconds: how far they were apart at most, and how the failing one stood at the end.
-    fn run(&mut self, minutes: f64) -> (f64, Decision) {
+    pub(super) fn run(&mut self, minutes: f64) -> (f64, Decision) {
         let (mut apart, end) = (0.0_f64, self.minutes + minutes);
         loop {
             let truth = [0, 1, 2].map(|place| self.true_value(place));
@@ -138,6 +146,11 @@ fn a_frozen_sensor_that_moves_and_does_not_agree_is_not_believed_until_a_person_
     twins.failing.permit(Permit::Off);
     assert_eq!(twins.run(0.1).1.state, AxisState::Off);
     twins.failing.permit(Permit::Armed);
+    assert!(
+        twins.run(1.0).1.stood_in.is_some(),
+        "it was switched off by the gateway itself: nobody has looked"
+    );
+    twins.look();
     twins.frozen[0] = None;
     let (_, decision) = twins.run(1.0);
     assert_eq!((decision.state, decision.stood_in), (AxisState::Active, None));
@@ -170,8 +183,9 @@ fn a_stand_in_is_never_an_input_of_another() {
     twins.lost[1] = true;
     let (_, decision) = twins.run(10.0);
     assert_eq!((decision.model, decision.lacks), (None, Some(Unusable::Signal(BED))));
-    // With the bed back, the wheelhead has its stand-in.
+    // With the bed back, and a person who has looked at it, the wheelhead has its stand-in.
     twins.lost[0] = false;
+    twins.look();
     let (apart, decision) = twins.run(5.0);
     assert_eq!(decision.stood_in.map(|found| found.signal), Some(WHEELHEAD));
     assert!(apart < 1.0, "{apart}");

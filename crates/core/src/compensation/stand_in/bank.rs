@@ -1,0 +1,88 @@
+//! What predictions rest on: by input of the bank, its lag and the mean of its rise in the minute.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::compensation::Snapshot;
+use crate::compensation::model::stand_ins::Predictor;
+use crate::compensation::model::{Envelope, Inputs, Lag};
+use crate::compensation::reference::{Machine, Reference};
+use crate::quantity::Moment;
+
+/// After so many of its time constants a lag has forgotten, but for less than a hundredth, that it began at rest on a machine
+/// that was warm.
+const FORGOTTEN: u32 = 5;
+/// A predictor may be so much of its range beyond it: there the halves of a model begin to count too.
+const BEYOND: f64 = 0.10;
+
+/// An input of the bank.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Gathered {
+    pub(super) lag: Lag,
+    /// Before this its lag says too little, because it began on a machine that was running.
+    pub(super) ready: Moment,
+    /// Of what its sensor read in this minute.
+    pub(super) own: Mean,
+    /// Of what others said that it would have read.
+    pub(super) lent: Mean,
+    /// It is beyond the range on which the model was identified.
+    pub(super) beyond: bool,
+}
+
+/// A mean that is still growing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Mean {
+    sum: f64,
+    count: u32,
+}
+
+impl Mean {
+    /// `None` where nothing was counted.
+    fn get(self) -> Option<f64> {
+        (self.count > 0).then(|| self.sum / f64::from(self.count))
+    }
+
+    /// Readings of 1e308 may be believed by a profile without ranges; a sum that is no number is not taken in.
+    fn take(&mut self, value: f64) {
+        let sum = self.sum + value;
+        if sum.is_finite() {
+            *self = Mean { sum, count: self.count + 1 };
+        }
+    }
+}
+
+impl Gathered {
+    /// Takes in the readings as the model sees them; one that nobody knows is waited for.
+    pub(super) fn follow(&mut self, predictor: &Predictor, seen: &Snapshot<'_>, machine: &Machine) {
+        let input = &predictor.input;
+        let was_there = self.lag.kept().is_some();
+        self.lag.follow(input, seen, machine);
+        if let Some(constant) = input.lag.filter(|_| !was_there && self.lag.kept().is_some()) {
+            let captured = machine.captured(Reference::Start, input.signal);
+            let begins_at_rest = captured.is_some_and(|captured| captured.at == seen.now);
+            let settles = if begins_at_rest { Duration::ZERO } else { constant.saturating_mul(FORGOTTEN) };
+            self.ready = seen.now.after(settles);
+        }
+        let inputs = Inputs { snapshot: *seen, machine, lags: &[], splits_slope: false };
+        let Ok(rise) = input.rise(&inputs, &self.lag) else { return };
+        let is_own = seen.instead_of(input.signal).is_none();
+        (if is_own { &mut self.own } else { &mut self.lent }).take(rise.get());
+    }
+
+    /// Whether it is beyond the range that the model's envelope has for it, and clearly so at first.
+    pub(super) fn look_at_range(&mut self, predictor: &Predictor, envelope: &Envelope, inputs: &Inputs<'_>) {
+        let Some(share) = envelope.beyond_range(predictor.input.signal, inputs) else { return };
+        self.beyond = share > if self.beyond { 0.0 } else { BEYOND };
+    }
+
+    /// Its rise in this minute, and whether it is only what others said of it. `frozen`: what it read itself says nothing.
+    pub(super) fn rise(&self, frozen: bool, now: Moment) -> Option<(f64, bool)> {
+        let own = self.own.get().filter(|_| !frozen).map(|rise| (rise, false));
+        own.or_else(|| Some((self.lent.get()?, true))).filter(|_| now >= self.ready)
+    }
+
+    pub(super) fn begin_minute(&mut self) {
+        (self.own, self.lent) = (Mean::default(), Mean::default());
+    }
+}
