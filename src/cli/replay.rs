@@ -109,6 +109,8 @@ struct Outcome<'a> {
     raw: Option<Micron>,
     model: &'a str,
     decision: Decision,
+    /// The name of a sensor that others stood in for; empty where none was.
+    stood_in: &'a str,
     error: Option<f64>,
 }
 
@@ -219,7 +221,8 @@ fn outcome<'a>(
     };
     let models = &profile.axes.get(axis)?.settings.models;
     let model = place.and_then(|place| models.get(place)).map_or("", |model| model.name.as_str());
-    Some(Outcome { raw, model, decision, error: *row.errors.get(axis)? })
+    let stood_in = decision.stood_in.map_or("", |found| profile.signal(found.signal).name.as_str());
+    Some(Outcome { raw, model, decision, stood_in, error: *row.errors.get(axis)? })
 }
 
 impl Outcome<'_> {

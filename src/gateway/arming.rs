@@ -41,6 +41,8 @@ pub(super) struct Arming {
     pub(super) take_over: Option<Micron>,
     /// The same for a slope that the control applies: its effect at the axis's reach.
     pub(super) take_over_slope: Option<Micron>,
+    /// A person has switched it off, and has looked: its sensors are believed at the next step.
+    pub(super) trust: bool,
 }
 
 #[derive(Clone, Debug, PartialEq)]

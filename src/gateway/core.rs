@@ -144,13 +144,20 @@ impl Core {
                 if self.controls[axis].takes_over() {
                     (self.arming[axis].take_over, self.arming[axis].take_over_slope) = (None, None);
                 }
+                if self.controls[axis].trust {
+                    self.arming[axis].trust = false;
+                }
+                let soon = now.after(profile.axes[axis].settings.every);
                 let live_until = |model: usize| {
-                    let inputs = dependents.inputs[axis][model].iter();
-                    let read = inputs.filter(|id| !self.compensation.is_stood_in(axis, model, **id));
-                    let until = read.map(|id| self.board.usable_until(*id));
+                    let until = dependents.inputs[axis][model].iter().map(|id| {
+                        let Some(others) = self.compensation.predictors(axis, model, *id) else {
+                            return self.board.usable_until(*id);
+                        };
+                        // A mean of a minute outlives a reading that is missing.
+                        others.map(|id| self.board.usable_until(id)).min().unwrap_or(soon).max(soon)
+                    });
                     until.min().unwrap_or(Moment::END)
                 };
-                let soon = now.after(profile.axes[axis].settings.every);
                 self.not_after[axis] = match (decision.model, decision.state) {
                     (Some(model), state) if state.is_following() => live_until(model),
                     // It holds because its readings have died: what it decided may go out as long as it might have then.
@@ -189,10 +196,11 @@ impl Core {
             let Some(axis) = axis else { return is_urgent };
             let arming = &self.arming[axis];
             let permit = arming.permit(profile, axis, &self.outputs, self.stopping, *dry_run);
-            let Arming { take_over, take_over_slope, .. } = *arming;
+            let Arming { take_over, take_over_slope, trust, .. } = *arming;
             let sign = arming.sign.as_ref().map(|check| check.to);
             let Probing { forget, measured, .. } = self.probing[axis];
-            self.controls[axis] = Control { permit, take_over, take_over_slope, forget, measured, sign };
+            self.controls[axis] =
+                Control { permit, take_over, take_over_slope, forget, measured, sign, trust };
             is_urgent |= self.compensation.is_due(axis, now, &self.controls[axis]);
         }
     }
@@ -236,8 +244,15 @@ impl Core {
                         None if was_driven => (Way::Restart, "armed before, arm = \"auto\"".to_owned()),
                         None => (Way::Auto, "arm = \"auto\"".to_owned()),
                     };
-                    self.arming[axis] =
-                        Arming { armed: true, by_person, take_over, take_over_slope, ..Arming::default() };
+                    let trust = self.arming[axis].trust;
+                    self.arming[axis] = Arming {
+                        armed: true,
+                        by_person,
+                        take_over,
+                        take_over_slope,
+                        trust,
+                        ..Arming::default()
+                    };
                     for place in 0..self.outputs.ids(axis).len() {
                         let id = self.outputs.ids(axis)[place];
                         if self.outputs[id.0].standing == Standing::Foreign {
@@ -357,7 +372,8 @@ impl Core {
 
     /// Switches an axis off until a person arms it again.
     pub(super) fn disarm(&mut self, axis: AxisId, why: &str) {
-        let latched = Arming { latched: true, why: why.to_owned(), ..Arming::default() };
+        let trust = self.arming[axis.0].trust;
+        let latched = Arming { latched: true, why: why.to_owned(), trust, ..Arming::default() };
         if std::mem::replace(&mut self.arming[axis.0], latched).armed {
             let axis = self.given.profile.axis(axis).settings.name.clone();
             self.events.push(Event::Disarmed { axis, why: why.to_owned() });
@@ -452,7 +468,8 @@ impl Core {
                 let why =
                     "its model asked for more than the error level; arm it again when the cause is found";
                 self.disarm(AxisId(place), why);
-                self.arming[place] = Arming { latched: true, asked, ..Arming::default() };
+                let trust = self.arming[place].trust;
+                self.arming[place] = Arming { latched: true, asked, trust, ..Arming::default() };
             }
         }
     }
@@ -490,7 +507,9 @@ impl Core {
             let Some(decision) = self.compensation.decision(axis) else { continue };
             let settings = &profile.axes[axis].settings;
             let why = || self.why(axis, now);
+            let distrusted = self.compensation.distrusted(axis);
             reported.report(profile, settings, decision, (why, self.stopping), &mut events);
+            reported.report_distrusted(profile, settings, decision, distrusted, &mut events);
         }
         (self.events, self.reported) = (events, reported);
     }

@@ -16,7 +16,8 @@
 //!   A log from elsewhere may have `z_measured_um` alone: what was decided last acts.
 //! - `z_expected_um`: one standard deviation of what is expected to be left of the error where the model's Cz acts, empty
 //!   where that is not known; only on an axis with a model that says so.
-//! - `z_stood_in`: a sensor of the model in use that others stand in for; only on an axis whose models have stand-ins.
+//! - `z_stood_in`: a sensor of the model in use that others stand in for; `z_trust`: 1 where a person disarmed
+//!   the axis, from when on its sensors are believed. Only on an axis whose models have stand-ins.
 //! - `z_sign_um`: where Cz is taken while the sign of the axis is checked with a dial gauge, else empty.
 //! - `machine_memory`: at the first row of a run, what was remembered from before (JSON).
 //! - `machine_zero`: the moment of a command to zero that was given since the row before.
@@ -65,5 +66,7 @@ const CORRECTION: &str = "correction_um";
 const EXPECTED: &str = "expected_um";
 /// Of an axis whose sensors are watched.
 const STOOD_IN: &str = "stood_in";
+/// Of an axis whose models have stand-ins: a person has disarmed it.
+const TRUST: &str = "trust";
 /// What was decided for an axis, in the order of the columns.
 const DECIDED: [&str; 5] = ["raw_um", "cz_um", "model", "state", "acted"];

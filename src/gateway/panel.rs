@@ -185,7 +185,10 @@ impl CommandHandle {
                 Command::Arm if core.stopping => Err("the gateway is stopping".to_owned()),
                 Command::Arm => self.arm(core, axis, asker),
                 Command::Disarm => {
-                    chosen.iter().for_each(|axis| core.disarm(AxisId(*axis), "switched off by a person"));
+                    for axis in &chosen {
+                        core.disarm(AxisId(*axis), "switched off by a person");
+                        core.arming[*axis].trust = true;
+                    }
                     Ok(Answer::Done(format!("{said}: off; what stands in the registers stays")))
                 }
                 Command::Zero => {

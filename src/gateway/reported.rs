@@ -2,18 +2,17 @@
 
 use crate::observe::events::Event;
 use isotherm_core::compensation::settings::AxisSettings;
-use isotherm_core::compensation::{AxisState, Decision, Stages};
-use isotherm_core::reading::SignalId;
+use isotherm_core::compensation::{AxisState, Decision, Distrusted, Stages};
 use isotherm_profile::Profile;
 
 use super::{extrapolation, stand_in};
 
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Reported {
     state: AxisState,
     levels: Levels,
     extrapolating: bool,
-    stood_in: Option<SignalId>,
+    distrusted: Vec<stand_in::Reported>,
 }
 
 /// Which levels of one axis have been reported and not come to their end.
@@ -81,6 +80,21 @@ impl Reported {
         }
         self.levels.report(axis, decision, events);
         events.extend(extrapolation::event(profile, &axis.name, decision, &mut self.extrapolating));
-        events.extend(stand_in::events(profile, &axis.name, decision, &mut self.stood_in));
+    }
+
+    /// Adds what is to be reported of the sensors that the axis does not believe.
+    pub(super) fn report_distrusted(
+        &mut self,
+        profile: &Profile,
+        axis: &AxisSettings,
+        decision: &Decision,
+        distrusted: impl Iterator<Item = Distrusted>,
+        events: &mut Vec<Event>,
+    ) {
+        let found: Vec<Distrusted> = distrusted.collect();
+        if found.is_empty() && self.distrusted.is_empty() {
+            return;
+        }
+        stand_in::report((profile, &axis.name), decision, &found, &mut self.distrusted, events);
     }
 }

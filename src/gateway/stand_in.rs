@@ -2,7 +2,7 @@
 
 use crate::observe::events::{Event, StandIn};
 use crate::observe::status::StoodInStatus;
-use isotherm_core::compensation::{Decision, StoodIn};
+use isotherm_core::compensation::{Decision, Distrusted, StoodIn};
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::Profile;
@@ -13,32 +13,49 @@ pub(super) fn message(profile: &Profile, found: &StoodIn) -> String {
     format!("{} {is}, taken from {} others", profile.signal(found.signal).name, found.others)
 }
 
-/// What is to be reported: when it begins, and when it ends or is another sensor. While no model can be used, nothing is known of
-/// either.
-pub(super) fn events(
-    profile: &Profile,
-    axis: &str,
+/// A sensor that was reported, and how.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Reported {
+    signal: SignalId,
+    /// Others stand in for it; else it is frozen, and used for nothing.
+    taken: bool,
+}
+
+/// What is to be reported of each sensor: when it begins, when it changes, and when it ends.
+pub(super) fn report(
+    (profile, axis): (&Profile, &str),
     decision: &Decision,
-    reported: &mut Option<SignalId>,
-) -> impl Iterator<Item = Event> {
-    let found = decision.stood_in.filter(|found| *reported != Some(found.signal));
-    let is_over = decision.model.is_some()
-        && reported.is_some_and(|signal| decision.stood_in.is_none_or(|found| found.signal != signal));
+    found: &[Distrusted],
+    reported: &mut Vec<Reported>,
+    events: &mut Vec<Event>,
+) {
     let name = |signal| profile.signal(signal).name.clone();
-    let over = reported
-        .filter(|_| is_over)
-        .map(|signal| StandIn::Over { axis: axis.to_owned(), signal: name(signal) });
-    let taken = found.map(|found| StandIn::Taken {
-        axis: axis.to_owned(),
-        signal: name(found.signal),
-        frozen: found.frozen,
-        span: decision.at.since(found.since),
-        others: found.others,
+    // Of one that is lost, and that nobody stands in for, the signal itself and the axis have said all there is.
+    let is_told = |found: &&Distrusted| found.others.is_some() || found.frozen;
+    reported.retain(|known| {
+        let now = found.iter().find(|found| found.signal == known.signal);
+        let is_over = !now.iter().any(is_told);
+        if is_over {
+            let (axis, signal) = (axis.to_owned(), name(known.signal));
+            events.push(Event::StandIn(StandIn::Over { axis, signal, believed: now.is_none() }));
+        }
+        !is_over
     });
-    if is_over || found.is_some() {
-        *reported = decision.stood_in.map(|found| found.signal);
+    for found in found.iter().filter(is_told) {
+        let new = Reported { signal: found.signal, taken: found.others.is_some() };
+        if reported.contains(&new) {
+            continue;
+        }
+        reported.retain(|known| known.signal != new.signal);
+        reported.push(new);
+        events.push(Event::StandIn(StandIn::Taken {
+            axis: axis.to_owned(),
+            signal: name(found.signal),
+            frozen: found.frozen,
+            span: decision.at.since(found.since),
+            others: found.others,
+        }));
     }
-    over.into_iter().chain(taken).map(Event::StandIn)
 }
 
 /// The same for programs; `stamp`: of a counted moment.

@@ -134,6 +134,12 @@ impl Reasons<'_> {
             }
             Unusable::Reference(id) => format!("the reference of {} is not captured yet", name(id)),
             Unusable::Frozen(id) => format!("{} is frozen, and no other sensor stands in for it", name(id)),
+            Unusable::Unproven(id) => {
+                format!(
+                    "{} is back, and not believed until it has agreed with the others for an hour",
+                    name(id)
+                )
+            }
             Unusable::MachineOff => "the machine has not been seen running yet".to_owned(),
             Unusable::NotANumber => "the model's result is not a number".to_owned(),
         }

@@ -364,3 +364,31 @@ fn stand_ins_say_who_is_watched_and_for_whom_others_stand_in() {
     }
     refused_at(WATCHED, &[], ".stand_ins", &["s.json"]);
 }
+
+#[test]
+fn what_says_of_others_what_they_read_is_used_and_is_a_temperature() {
+    let watched = |text: &str| machine(WATCHED, &[("s.json", text.as_bytes())]).unwrap();
+    let loaded = watched(STAND_INS);
+    assert!(
+        !reported(&loaded)
+            .contains("only recorded (no model, condition, output or machine state uses them): wheelhead")
+    );
+    let doubts = |loaded: &Loaded| {
+        loaded.warnings.iter().filter(|warning| warning.message.contains("no temperature")).count()
+    };
+    assert_eq!(doubts(&loaded), 0);
+    let position = STAND_INS.replace("\"wheelhead\", \"threshold\"", "\"scale_z\", \"threshold\"");
+    let loaded = watched(&position);
+    assert_eq!(doubts(&loaded), 1, "{:?}", loaded.warnings);
+}
+
+#[test]
+fn to_agree_without_halves_is_warned_of_where_it_is_asked_for() {
+    let doubts = |outside: &str| {
+        let model = HALVED.replace("halves = \"h.json\"", outside);
+        let loaded = machine(&model, &[("e.json", ENVELOPE.as_bytes())]).unwrap();
+        loaded.warnings.iter().filter(|warning| warning.message.contains("nothing that could agree")).count()
+    };
+    assert!(HALVED.contains("halves = \"h.json\""), "{HALVED}");
+    assert_eq!((doubts(""), doubts("outside = \"agree\""), doubts("outside = \"warn\"")), (0, 1, 0));
+}

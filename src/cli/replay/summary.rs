@@ -251,6 +251,8 @@ fn difference(axis: &str, line: u64, decided: &Decided, outcome: &Outcome<'_>) -
     let acted = decision.acted.to_string();
     let expected = decision.expected.map(|expected| expected.get());
     let logged = decided.expected.unwrap_or(expected);
+    let stood_in = outcome.stood_in;
+    let logged_one = decided.stood_in.as_deref().unwrap_or(stood_in);
     let columns = [
         ("raw_um", same(decided.raw, raw), number(decided.raw), number(raw)),
         ("cz_um", same(Some(decided.cz), Some(cz)), number(Some(decided.cz)), number(Some(cz))),
@@ -258,6 +260,7 @@ fn difference(axis: &str, line: u64, decided: &Decided, outcome: &Outcome<'_>) -
         ("state", decided.state == decision.state.name(), decided.state.clone(), decision.state.to_string()),
         ("acted", decided.acted == acted, decided.acted.clone(), acted.clone()),
         ("expected_um", same(logged, expected), number(logged), number(expected)),
+        ("stood_in", logged_one == stood_in, logged_one.to_owned(), stood_in.to_owned()),
     ];
     let (column, _, recorded, replayed) = columns.into_iter().find(|(_, same, ..)| !same)?;
     Some(Difference { line, column: format!("{axis}_{column}"), recorded, replayed })

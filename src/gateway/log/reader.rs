@@ -8,7 +8,8 @@ use csv::StringRecord;
 use jiff::tz::TimeZone;
 
 use super::{
-    ACTING, DECIDED, ERROR, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, SIGN, SLOPE_FROM, TIME, ZERO,
+    ACTING, DECIDED, ERROR, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, SIGN, SLOPE_FROM, STOOD_IN,
+    TIME, TRUST, ZERO,
 };
 use isotherm_core::compensation::{Control, Measured, Permit, Remembered};
 use isotherm_core::quantity::{Dialect, Micron, Moment, time};
@@ -68,6 +69,8 @@ pub struct Decided {
     pub acted: String,
     /// What was expected to be left of the error, µm; `None` where the log does not have it.
     pub expected: Option<Option<f64>>,
+    /// The sensor that others stood in for; `None` where the log does not have it.
+    pub stood_in: Option<String>,
 }
 
 /// Gives the rows of a log, one after the other.
@@ -107,6 +110,8 @@ struct AxisColumns {
     error: Option<usize>,
     decided: Option<[usize; 5]>,
     expected: Option<usize>,
+    stood_in: Option<usize>,
+    trust: Option<usize>,
 }
 
 /// A log whose clock runs wild would give a warning per row.
@@ -288,6 +293,7 @@ impl<R: Read> LogReader<R> {
         let measured = self.micron(line, columns.measured)?.map(|error| Measured { error, acting });
         let forget = self.filled(columns.forget).is_some();
         let sign = self.micron(line, columns.sign)?;
+        let trust = self.filled(columns.trust).is_some();
         let Some(place) = columns.permit else {
             let at_rest = self.last.is_none().then_some(Micron::ZERO);
             return Ok(Control {
@@ -296,6 +302,7 @@ impl<R: Read> LogReader<R> {
                 forget,
                 measured,
                 sign,
+                trust,
                 ..Control::default()
             });
         };
@@ -303,7 +310,7 @@ impl<R: Read> LogReader<R> {
         let permit = Permit::from_name(word).ok_or_else(|| {
             self.error(line, place, format!("`{word}` is none of off, armed, unverified, stopping"))
         })?;
-        Ok(Control { permit, take_over, take_over_slope, forget, measured, sign })
+        Ok(Control { permit, take_over, take_over_slope, forget, measured, sign, trust })
     }
 
     fn decided(&self, line: u64, columns: &AxisColumns) -> Result<Option<Decided>, LogError> {
@@ -319,6 +326,7 @@ impl<R: Read> LogReader<R> {
                 Some(_) => Some(self.number(line, columns.expected)?),
                 None => None,
             },
+            stood_in: columns.stood_in.map(|place| self.cell(place).to_owned()),
         }))
     }
 
@@ -388,6 +396,8 @@ impl Columns {
                 error: of(ERROR),
                 decided,
                 expected: of(EXPECTED),
+                stood_in: of(STOOD_IN),
+                trust: of(TRUST),
             }
         });
         Some(Columns {

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use super::{
     ACTING, CLOCK, CORRECTION, DECIDED, DRY_RUN, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, SIGN,
-    SLOPE, SLOPE_FROM, STOOD_IN, TIME, ZERO,
+    SLOPE, SLOPE_FROM, STOOD_IN, TIME, TRUST, ZERO,
 };
 use crate::clock::Correction;
 use isotherm_core::compensation::{Control, Decision, Remembered, Snapshot};
@@ -78,9 +78,9 @@ impl Recorder {
             let slope = axis.settings.intercept_slope.map(|_| [SLOPE_FROM, SLOPE]);
             let probe = axis.settings.probe.map(|_| [MEASURED, ACTING, FORGET, CORRECTION]);
             let expected = axis.says_how_wrong().then_some(EXPECTED);
-            let stood_in = is_watched(axis).then_some(STOOD_IN);
+            let stood_in = is_watched(axis).then_some([STOOD_IN, TRUST]);
             let more = slope.into_iter().flatten().chain(probe.into_iter().flatten());
-            let more = more.chain(expected).chain(stood_in);
+            let more = more.chain(expected).chain(stood_in.into_iter().flatten());
             for column in [PERMIT, FROM].into_iter().chain(DECIDED).chain([SIGN]).chain(more) {
                 header += ",";
                 header += &cell(&format!("{}_{column}", axis.settings.name));
@@ -155,6 +155,7 @@ impl Recorder {
             if *watched {
                 let signal = decision.stood_in.and_then(|found| self.signals.get(found.signal.0));
                 text(line, signal.map_or("", String::as_str));
+                text(line, if control.trust { "1" } else { "" });
             }
         }
         text(&mut self.line, self.memory.take().as_deref().unwrap_or_default());

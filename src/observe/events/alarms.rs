@@ -107,8 +107,12 @@ impl Event {
             }
             Event::Extrapolating { axis, .. } => raises("inputs of axis", axis),
             Event::Interpolating { axis } => ends(&[("inputs of axis", axis)]),
-            Event::StandIn(StandIn::Taken { axis, .. }) => raises("sensor of axis", axis),
-            Event::StandIn(StandIn::Over { axis, .. }) => ends(&[("sensor of axis", axis)]),
+            Event::StandIn(StandIn::Taken { axis, signal, .. }) => {
+                raises("sensor of axis", &format!("{axis}: {signal}"))
+            }
+            Event::StandIn(StandIn::Over { axis, signal, .. }) => {
+                ends(&[("sensor of axis", &format!("{axis}: {signal}"))])
+            }
             Event::VerifyFailed { output, .. } | Event::WriteFailed { output, .. } => {
                 raises("output", output)
             }

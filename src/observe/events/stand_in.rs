@@ -1,4 +1,4 @@
-//! A sensor that others stand in for, and its end.
+//! A sensor that is not believed, whether others stand in for it, and its end.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use super::{Described, info, warning};
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum StandIn {
-    /// Others say what it would read.
+    /// It is not believed: others say what it would read, or it is used for nothing.
     Taken {
         /// Whose model reads it.
         axis: String,
@@ -22,15 +22,17 @@ pub enum StandIn {
         /// How long it has been that.
         #[serde(rename = "for_s", serialize_with = "in_seconds")]
         span: Duration,
-        /// How many they are.
-        others: usize,
+        /// How many they are; `None` where it is used for nothing.
+        others: Option<usize>,
     },
-    /// Its own reading is used again, or no model with it.
+    /// It is not taken from others any more.
     Over {
         /// Whose model reads it.
         axis: String,
         /// Which.
         signal: String,
+        /// Its own reading is used again; else it still is not there, or not believed.
+        believed: bool,
     },
 }
 
@@ -40,9 +42,16 @@ impl StandIn {
             StandIn::Taken { axis, signal, frozen, span, others } => {
                 let (kind, is) = if *frozen { ("frozen", "frozen") } else { ("stood-in", "lost") };
                 let span = humantime::format_duration(Duration::from_secs(span.as_secs()));
-                warning(kind, format!("axis {axis}: {signal} {is} for {span}, taken from {others} others"))
+                let taken = match others {
+                    Some(others) => format!("taken from {others} others"),
+                    None => "and used for nothing: nobody stands in for it".to_owned(),
+                };
+                warning(kind, format!("axis {axis}: {signal} {is} for {span}, {taken}"))
             }
-            StandIn::Over { axis, signal } => {
+            StandIn::Over { axis, signal, believed: true } => {
+                info("stand-in-over", format!("axis {axis}: {signal} is believed again"))
+            }
+            StandIn::Over { axis, signal, believed: false } => {
                 info("stand-in-over", format!("axis {axis}: {signal} is not taken from others any more"))
             }
         }

@@ -3,7 +3,7 @@
 import { Probe } from "./probe.js";
 import { Sign } from "./sign.js";
 import { axisState, badge, expected } from "./states.js";
-import { clock, element, fixed, say, signed, span, titled } from "./text.js";
+import { clock, day, element, fixed, say, signed, span, titled } from "./text.js";
 import { english, known, t } from "./words.js";
 
 const STAGES = ["limit", "deadband", "step", "rate", "round"];
@@ -12,7 +12,9 @@ const STAGES = ["limit", "deadband", "step", "rate", "round"];
 function standsIn({ state, stood_in: found }) {
   if (state !== "degraded" || !found) return "";
   const { signal, since, others } = found;
-  return t(found.frozen ? "stood_in.frozen" : "stood_in.lost", { signal, others, time: clock(new Date(since), false) });
+  const [at, today] = [new Date(since), day(new Date())];
+  const time = day(at) === today ? clock(at, false) : `${day(at)} ${clock(at, false)}`;
+  return t(found.frozen ? "stood_in_frozen" : "stood_in_lost", { signal, others, time });
 }
 
 class Card {

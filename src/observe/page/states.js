@@ -18,10 +18,12 @@ export function axisState(axis, status) {
   return [tone, known("state", stateOf(axis)), known("does", stateOf(axis))];
 }
 
-// How wrong Cz is expected to be, where it is what the model asks for.
+// How wrong Cz is expected to be, where it is what the model asks for: not at its limit, and not on its way there.
+const ELSEWHERE = ["limit", "step", "rate"];
+
 export function expected(axis) {
   const follows = axis.state === "active" || axis.state === "degraded";
-  if (!follows || axis.expected_um === null || axis.acted.includes("limit")) return "";
+  if (!follows || axis.expected_um === null || ELSEWHERE.some((stage) => axis.acted.includes(stage))) return "";
   return t("expected", { um: fixed(axis.expected_um, 1) });
 }
 

@@ -32,6 +32,9 @@ pub struct Machine {
     /// How long it had been running then: what was counted before a restart.
     #[serde(default)]
     on_before: Duration,
+    /// What of the time since then was not counted, at most: nobody looked.
+    #[serde(default, skip_serializing_if = "Duration::is_zero")]
+    on_away: Duration,
     was_on: Option<bool>,
     was_zeroed: Option<bool>,
     start: Vec<Capture>,
@@ -105,6 +108,7 @@ impl Machine {
         for capture in self.start.iter_mut().chain(&mut self.zero) {
             capture.away = capture.away.saturating_add(span);
         }
+        self.on_away = self.on_away.saturating_add(span);
         self
     }
 
@@ -122,6 +126,11 @@ impl Machine {
     /// How long the machine has been running; `None` before it was first seen running.
     pub fn on_time(&self, now: Moment) -> Option<Duration> {
         self.on_since.map(|since| self.on_before + now.since(since))
+    }
+
+    /// The same with the time in which nobody looked, at most: so old may be what was measured from the start.
+    pub(super) fn on_time_at_most(&self, now: Moment) -> Option<Duration> {
+        self.on_time(now).map(|counted| counted.saturating_add(self.on_away))
     }
 
     /// The reference value of a term; `None` while it has not been captured.
@@ -154,7 +163,7 @@ impl Machine {
         let Some(capture) = self.start.get_mut(signal.0) else { return };
         let Some(began) = self.on_since.filter(|_| beginning.value.is_finite()) else { return };
         if capture.value.is_none() {
-            (capture.at, capture.away) = (began, self.on_before);
+            (capture.at, capture.away) = (began, self.on_before.saturating_add(self.on_away));
         } else if capture.at < beginning.distrusted_since {
             return;
         }
@@ -196,7 +205,8 @@ impl Machine {
         self.zero.resize(settings.signals, unseen);
         let started = self.begins_to_run(settings, snapshot);
         if started {
-            (self.on_since, self.on_before) = (Some(snapshot.now), Duration::ZERO);
+            (self.on_since, self.on_before, self.on_away) =
+                (Some(snapshot.now), Duration::ZERO, Duration::ZERO);
             self.start.fill(fresh);
             // A machine that was never zeroed is zeroed by its first start.
             for capture in self.zero.iter_mut().filter(|capture| capture.value.is_none()) {

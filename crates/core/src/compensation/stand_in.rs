@@ -46,7 +46,7 @@ use bank::Gathered;
 pub(super) use instead::{Instead, Says};
 pub(super) use remembered::WatchRemembered;
 pub(super) use sensor::Beginning;
-use sensor::{Predicted, Sensor, Standing, Verdict};
+use sensor::{Predicted, Sensor, Verdict};
 use serde::{Deserialize, Serialize};
 
 /// What a prediction is the mean over.
@@ -125,11 +125,12 @@ impl Watch {
 
     /// The sensors that are not believed, with how many others stand in for each.
     pub(super) fn distrusted<'a>(&'a self, settings: &'a StandIns) -> impl Iterator<Item = Distrusted> + 'a {
-        self.instead.iter().map(|instead| {
-            let Instead { signal, since, frozen, .. } = *instead;
-            let known = settings.sensors().iter().find(|known| known.signal == signal);
-            let others = known.filter(|_| instead.is_stood_in()).map(|known| known.others);
-            Distrusted { signal, since, frozen, others }
+        settings.sensors().iter().zip(&self.sensors).filter_map(|(known, sensor)| {
+            let (since, frozen) = sensor.distrusted()?;
+            let signal = known.signal;
+            let mut stood_in = self.instead.iter().filter(|instead| instead.is_stood_in());
+            let others = stood_in.any(|instead| instead.signal == signal).then_some(known.others);
+            Some(Distrusted { signal, since, frozen, others })
         })
     }
 
@@ -182,11 +183,7 @@ impl Watch {
     fn fill(&mut self, settings: &StandIns, machine: Option<&Machine>, now: Moment) {
         self.instead.clear();
         for (known, sensor) in settings.sensors().iter().zip(&self.sensors) {
-            let (since, frozen) = match sensor.standing {
-                Standing::Live => continue,
-                Standing::Frozen(since) => (since, true),
-                Standing::Lost(since) => (since, false),
-            };
+            let Some((since, frozen)) = sensor.distrusted() else { continue };
             let signal = known.signal;
             let others = |rise: f64| {
                 let value = sensor.value(rise);

@@ -26,6 +26,6 @@ impl Axis {
         let rises = self.settings.models.get(place).into_iter().flat_map(Model::rises);
         let ages = rises.filter_map(|input| machine.age(input.reference, input.signal, now));
         let own = self.zeroing.at().map(|at| now.since(at));
-        ages.chain(own).min().or_else(|| machine.on_time(now)).unwrap_or_default()
+        ages.chain(own).min().or_else(|| machine.on_time_at_most(now)).unwrap_or_default()
     }
 }

@@ -114,22 +114,23 @@ impl Axis {
         settings.zip(watch).into_iter().flat_map(|(settings, watch)| watch.distrusted(settings))
     }
 
-    /// The sensors that the axis does not believe, each once: as the model in use has it, where its watch is one of those
-    /// that say so.
+    /// The sensors that the axis does not believe, each once: as the model in use has it, else as the first that watches it.
+    /// What the model in use does not take from others is taken from nobody.
     pub(in crate::compensation) fn distrusted(&self) -> impl Iterator<Item = Distrusted> {
-        let used = self.decision.model.into_iter().flat_map(|place| self.distrusted_in(place));
-        let others = self.watches().enumerate().flat_map(move |(place, (settings, watch))| {
+        let used = self.decision.model;
+        let places =
+            move || used.into_iter().chain((0..self.watched.len()).filter(move |place| Some(*place) != used));
+        places().enumerate().flat_map(move |(turn, place)| {
             let is_new = move |found: &Distrusted| {
-                let before = self.watches().take(place).flat_map(|(_, watch)| watch.instead());
-                let used = self.decision.model.into_iter().flat_map(|place| self.distrusted_in(place));
-                !before
-                    .map(|known| known.signal)
-                    .chain(used.map(|known| known.signal))
-                    .any(|id| id == found.signal)
+                let before = places().take(turn).flat_map(|place| self.distrusted_in(place));
+                !before.map(|known| known.signal).any(|signal| signal == found.signal)
             };
-            watch.distrusted(settings).filter(is_new).map(|found| Distrusted { others: None, ..found })
-        });
-        used.chain(others)
+            let others = move |found: Distrusted| {
+                let others = found.others.filter(|_| used.is_none_or(|used| used == place));
+                Distrusted { others, ..found }
+            };
+            self.distrusted_in(place).filter(is_new).map(others)
+        })
     }
 
     /// Whether one of its watches does not believe this signal.

@@ -47,9 +47,20 @@ pub(in crate::compensation) struct Occasion {
 
 impl Certainty {
     /// Of a correction that was kept by a program that did not keep this: so uncertain that it fills its limit.
-    pub(super) fn of_older(settings: &ProbeSettings) -> Certainty {
+    pub(super) fn of_older_program(settings: &ProbeSettings) -> Certainty {
         let half = 0.5 * settings.limit.get();
         Certainty { variance: Some(half * half), ..Certainty::default() }
+    }
+
+    /// The same under these settings: where probings were taken in by a fixed share, nobody counted how certain it is.
+    pub(super) fn under(self, settings: &ProbeSettings) -> Certainty {
+        let is_counted = self.variance.is_some() || self.touched.is_none();
+        match settings.filter {
+            Filter::Weighed { .. } if !is_counted => {
+                Certainty { touched: self.touched, ..Certainty::of_older_program(settings) }
+            }
+            _ => self,
+        }
     }
 
     /// When the last probing was learned from.

@@ -79,7 +79,8 @@ impl Probe {
             };
             let Some(kept) = kept.models.iter().find(same) else { continue };
             learned.offset = kept.offset.clamp(-limit, limit);
-            learned.certainty = kept.certainty.unwrap_or_else(|| Certainty::of_older(settings));
+            let certainty = kept.certainty.map(|certainty| certainty.under(settings));
+            learned.certainty = certainty.unwrap_or_else(|| Certainty::of_older_program(settings));
             learned.renews = kept.renews;
             if let (Some(gains), Some(kept)) = (learned.gains.take(), kept.gains.clone()) {
                 learned.gains = Some(kept.recalled(gains));

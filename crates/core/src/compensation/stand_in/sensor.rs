@@ -14,7 +14,7 @@ const AGREES_FOR: Duration = Duration::from_secs(3600);
 /// One sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Sensor {
-    pub(super) standing: Standing,
+    standing: Standing,
     /// The last good reading, and when it was there.
     reading: Option<f64>,
     read: Moment,
@@ -55,7 +55,7 @@ pub(super) struct Predicted {
 /// How a sensor stands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) enum Standing {
+enum Standing {
     /// It is believed.
     #[default]
     Live,
@@ -97,6 +97,15 @@ impl Shifted for Standing {
 impl Sensor {
     pub(super) fn is_live(&self) -> bool {
         self.standing == Standing::Live
+    }
+
+    /// Since when it is not believed, and whether it is frozen; else it was lost.
+    pub(super) fn distrusted(&self) -> Option<(Moment, bool)> {
+        match self.standing {
+            Standing::Live => None,
+            Standing::Frozen(since) => Some((since, true)),
+            Standing::Lost(since) => Some((since, false)),
+        }
     }
 
     pub(super) fn is_frozen(&self) -> bool {
@@ -233,7 +242,7 @@ impl Sensor {
 
     /// Believes it again; what it began from, as the others have it, unless it has read the same ever since.
     fn believe(&mut self, reading: f64, now: Moment) -> Option<Beginning> {
-        let (Standing::Frozen(since) | Standing::Lost(since)) = self.standing else { return None };
+        let (since, _) = self.distrusted()?;
         let rise = self.stand_in().filter(|_| self.moved);
         self.begin(reading, now);
         Some(Beginning { value: reading - rise?, distrusted_since: since })

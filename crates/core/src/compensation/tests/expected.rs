@@ -128,18 +128,20 @@ fn a_decision_of_before_there_was_such_a_thing_is_still_read() {
 }
 
 #[test]
-fn a_pause_counts() {
-    let mut rig = Rig::new(axis(vec![rise(Reference::Start)]));
-    rig.now = Moment::from_nanos(1_700_000_000_000_000_000);
-    rig.step();
-    rig.after(HOUR);
-    let kept = serde_json::to_string(&rig.compensation.remembered()).unwrap();
-    let kept: Remembered = serde_json::from_str(&kept).unwrap();
-    let stop = Stop { by_the_clock: Some(seconds(2.0 * HOUR)) };
-    let now = Moment::from_nanos(1_000_000_000_000_000_000);
-    let kept = kept.going_on(rig.now, now, stop);
-    rig.compensation =
-        Compensation::new(rig.compensation.settings.clone(), vec![axis(vec![rise(Reference::Start)])], kept);
-    rig.now = now;
-    expects(rig.after(HOUR), 4.0);
+fn a_pause_counts_also_where_hours_count_from_the_start() {
+    for reference in [Reference::Start, Reference::Fixed(of(20.0))] {
+        let mut rig = Rig::new(axis(vec![rise(reference)]));
+        rig.now = Moment::from_nanos(1_700_000_000_000_000_000);
+        rig.step();
+        rig.after(HOUR);
+        let kept = serde_json::to_string(&rig.compensation.remembered()).unwrap();
+        let kept: Remembered = serde_json::from_str(&kept).unwrap();
+        let stop = Stop { by_the_clock: Some(seconds(2.0 * HOUR)) };
+        let now = Moment::from_nanos(1_000_000_000_000_000_000);
+        let kept = kept.going_on(rig.now, now, stop);
+        rig.compensation =
+            Compensation::new(rig.compensation.settings.clone(), vec![axis(vec![rise(reference)])], kept);
+        rig.now = now;
+        expects(rig.after(HOUR), 4.0);
+    }
 }

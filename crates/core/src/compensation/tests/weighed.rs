@@ -216,6 +216,20 @@ fn what_an_older_program_kept_is_read_and_taken_for_uncertain() {
 }
 
 #[test]
+fn what_was_learned_by_a_fixed_share_is_taken_for_uncertain() {
+    let mut rig = zeroed();
+    let by_share = AxisSettings { probe: Some(probe()), ..rise() };
+    let kept = rig.compensation.remembered();
+    rig.compensation = Compensation::new(rig.compensation.settings.clone(), vec![by_share], kept);
+    let learned = touch(&mut rig, HOUR, 2.0);
+    let kept = rig.compensation.remembered();
+    rig.compensation = Compensation::new(rig.compensation.settings.clone(), vec![rise()], kept);
+    near(correction(rig.after(1.0)), learned);
+    let p = 25.0 + 4.0 * (HOUR + 1.0) / HOUR;
+    near(touch(&mut rig, HOUR, 4.0) - learned, 4.0 * p / (p + 0.25));
+}
+
+#[test]
 fn a_state_is_shifted_with_all_its_moments() {
     let mut rig = zeroed();
     touch(&mut rig, HOUR, 2.0);

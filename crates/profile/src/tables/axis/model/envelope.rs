@@ -115,6 +115,12 @@ pub(super) fn resolve(raw: &RawModel, at: &At<'_>, model: Option<&Model>) -> Opt
         known.push(Identified { input: input_of, mean: input.mean, range: (input.min, input.max) });
     }
     let apart = apart.map_or(Some(None), |apart| apart.map(Some));
+    if raw.outside == Some(OutsideWord::Agree) && raw.halves.is_none() {
+        let message =
+            "without `halves` there is nothing that could agree: outside, the model is followed all the same";
+        at.key("outside")
+            .warn(message, "name the file with `halves`, or write \"warn\", \"hold\" or \"shrink\"");
+    }
     let outside = match (raw.outside, &apart) {
         // Without halves there is nothing that could agree.
         (Some(OutsideWord::Warn), _) | (Some(OutsideWord::Agree) | None, Some(None)) => Outside::Warn,

@@ -57,8 +57,27 @@ struct TermOfFile {
 pub(super) fn resolve(at: &At<'_>, name: &str) -> Option<StandIns> {
     let bytes = bytes(at, name)?;
     let file: StandInsFile = taken(at, name, read(&bytes, "isotherm-stand-ins"))?;
-    let described = file.described(&at.check.signals.names);
-    Some(StandIns::new(taken(at, name, described)?, fingerprint(&bytes)))
+    let described = taken(at, name, file.described(&at.check.signals.names))?;
+    for sensor in &described {
+        doubt(at, name, sensor.signal);
+        let predictors = sensor.terms.iter().map(|(input, _)| input.signal);
+        predictors.chain([sensor.signal]).for_each(|id| at.check.used.borrow_mut()[id.0] = true);
+    }
+    Some(StandIns::new(described, fingerprint(&bytes)))
+}
+
+/// What rises with its neighbours is a temperature; of anything else a reading that stands means nothing.
+fn doubt(at: &At<'_>, file: &str, id: SignalId) {
+    let Some(signal) = at.check.signals.get(id.0) else { return };
+    if !matches!(signal.unit.0, "degC" | "K") {
+        let (name, unit) = (&signal.name, &signal.unit);
+        at.warn(
+            format!(
+                "{file}: {name} is watched for standing still, and is no temperature (its unit is {unit})"
+            ),
+            format!("set its unit if it is one, or remove {name} from the sensors of the file"),
+        );
+    }
 }
 
 impl StandInsFile {
