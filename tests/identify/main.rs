@@ -6,10 +6,12 @@
 mod balls;
 mod drift;
 mod faulty;
+mod gaps;
 mod position;
 mod recovered;
 mod rig;
 mod runs;
+mod speed;
 mod stated;
 mod trained;
 mod whitened;

@@ -129,6 +129,17 @@ pub(crate) fn parsed(path: &Path, text: &str) -> Profile {
     isotherm_profile::parse(path, text, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
+/// What the gateway makes of a profile with these files beside it.
+pub(crate) fn pasted(text: &str, files: &[(String, String)]) -> Profile {
+    let directory = tempfile::tempdir().unwrap();
+    for (name, content) in files {
+        std::fs::write(directory.path().join(name), content).unwrap();
+    }
+    let path = directory.path().join("pasted.toml");
+    std::fs::write(&path, text).unwrap();
+    isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}\n{text}")).profile
+}
+
 /// The logs of these days in a directory, in order.
 pub(crate) fn logs(directory: &Path, days: &[String]) -> Vec<PathBuf> {
     let write = |(place, log): (usize, &String)| {

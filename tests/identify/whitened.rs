@@ -33,11 +33,11 @@ fn with_walk(mut day: Day, seed: u64, per_hour: f64) -> Day {
     day
 }
 
-fn days(count: u64, seed: u64, per_hour: f64) -> Vec<Day> {
+pub(crate) fn days(count: u64, seed: u64, per_hour: f64) -> Vec<Day> {
     (0..count).map(|day| with_walk(machine().day(100 * seed + day), 100 * seed + day, per_hour)).collect()
 }
 
-fn logs(days: &[Day]) -> Vec<String> {
+pub(crate) fn logs(days: &[Day]) -> Vec<String> {
     days.iter().map(Day::log).collect()
 }
 
@@ -78,62 +78,6 @@ fn one_run_is_learnt_from_with_seven_tenths_and_told_what_that_is_worth() {
 }
 
 #[test]
-fn a_speed_and_its_square_are_taken_where_the_logs_have_them_and_a_model_without_stands_in() {
-    // What warms with the square of the speed, and no sensor sees.
-    let text = |day: &Day, seed: u64| {
-        let mut chance = Pcg64Mcg::seed_from_u64(seed);
-        let speeds: Vec<f64> = (0..6).map(|_| f64::from(chance.random_range(0..6)) * 1000.0).collect();
-        let mut warm = 0.0;
-        let mut text = "time,s0,s1,s2,s3,rpm,z_error_um\n".to_owned();
-        for (row, time) in day.times.iter().enumerate() {
-            let speed = if row < 5 { 0.0 } else { speeds[row * 6 / day.times.len()] };
-            warm += (1.0 - (-60.0_f64 / 1500.0).exp()) * (1e-6 * speed * speed - warm);
-            let sensors: Vec<String> = day.temperatures.iter().map(|own| own[row].to_string()).collect();
-            text += &format!("{time},{},{speed},{}\n", sensors.join(","), day.error[row] + warm);
-        }
-        text
-    };
-    let logs: Vec<String> = days(5, 9, 0.2).iter().zip(0..).map(|(day, seed)| text(day, seed)).collect();
-    let dataset = dataset(&logs).unwrap();
-    let with_speed = "[signal.rpm]\ndevice = \"m\"\nregister = \"input:90\"\ntype = \"u16\"\nunit = \"rpm\"\nmax_age = \"5s\"\n";
-    let text =
-        |model: &str| rig::profile_with(4, model).replacen("[axis.z]", &format!("{with_speed}[axis.z]"), 1);
-    let profile = rig::parsed(std::path::Path::new("bench.toml"), &text(rig::NO_MODEL));
-    let of = |speeds: bool| {
-        let choice = Choice { speeds, ..rig::choice() };
-        let ready = ready(&profile, &dataset, &choice).unwrap();
-        identify(&ready, &Settings::default(), None, true, &|_, _| {}).unwrap()
-    };
-    let (without, with) = (of(false), of(true));
-    assert!(
-        with.means.mean_range_um < 0.3 * without.means.mean_range_um,
-        "{:?} {:?}",
-        with.means,
-        without.means
-    );
-    let lost = with.fallbacks.iter().find(|fallback| fallback.without == "rpm").unwrap();
-    assert!(lost.terms.iter().all(|term| term.signal != "rpm"));
-    assert!((lost.means.mean_range_um - without.means.mean_range_um).abs() < 1e-9);
-    let block = written(&with, "z", Outside::Agree);
-    let line = block.block.lines().find(|line| line.contains("power = 2")).unwrap();
-    assert!(
-        line.contains("signal = \"rpm\", power = 2, gain = ") && line.contains("reference = 0.0, lag = "),
-        "{line}"
-    );
-    pasted(&text(&block.block), &block.files);
-}
-
-fn pasted(text: &str, files: &[(String, String)]) -> isotherm_profile::Profile {
-    let directory = tempfile::tempdir().unwrap();
-    for (name, content) in files {
-        std::fs::write(directory.path().join(name), content).unwrap();
-    }
-    let path = directory.path().join("pasted.toml");
-    std::fs::write(&path, text).unwrap();
-    isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}\n{text}")).profile
-}
-
-#[test]
 fn the_block_names_its_halves_its_stand_ins_and_what_to_expect_and_a_profile_takes_them() {
     let found = found(4, &logs(&days(4, 11, 1.0)), &Settings::default());
     let block = written(&found, "z", Outside::Agree);
@@ -144,7 +88,7 @@ fn the_block_names_its_halves_its_stand_ins_and_what_to_expect_and_a_profile_tak
     {
         assert!(block.block.contains(key), "{}", block.block);
     }
-    pasted(&rig::profile_with(4, &block.block), &block.files);
+    rig::pasted(&rig::profile_with(4, &block.block), &block.files);
 }
 
 #[test]
@@ -173,7 +117,7 @@ fn few_sensors_are_those_that_count() {
 }
 
 /// s0 and s1 see the same source, s2 one of its own.
-fn alike(count: u64) -> Vec<String> {
+pub(crate) fn alike(count: u64) -> Vec<String> {
     let mut all = days(count, 19, 0.2);
     for (place, day) in all.iter_mut().enumerate() {
         let mut chance = Pcg64Mcg::seed_from_u64(place as u64);

@@ -64,6 +64,8 @@ pub(crate) struct Bank {
 #[derive(Clone, Debug)]
 pub(crate) struct Traced {
     pub(crate) name: String,
+    /// By row: which averaging window of the run it is. Other banks may lack some of them.
+    pub(crate) windows: Vec<u128>,
     /// Seconds since the run's first row.
     pub(crate) seconds: Vec<f64>,
     /// The Cz that would leave no error, µm: −(e − its cold value).
@@ -187,8 +189,7 @@ pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate
     let first = run.times.first().copied().unwrap_or_default();
     let (mut readings, mut rises) = (Vec::new(), vec![0.0; inputs.len()]);
     let mut visits: HashMap<usize, Vec<f64>> = HashMap::new();
-    // Averaging windows: their number, how many rows, and the sums of seconds, target and rises.
-    let mut windows: Vec<(u128, f64, Vec<f64>)> = Vec::new();
+    let mut windows: Vec<Window> = Vec::new();
     for ((row, now), Target { cz, since }) in run.times.iter().copied().enumerate().zip(targets) {
         campaign.readings(run, row, now, &mut readings);
         let snapshot = Snapshot::new(now, &readings);
@@ -215,21 +216,45 @@ pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate
         }
         let passed = now.since(first);
         let index = passed.as_nanos() / campaign.resample.as_nanos().max(1);
-        let values = [passed.as_secs_f64(), cz].into_iter().chain(rises.iter().copied());
-        match windows.last_mut() {
-            Some((same, rows, sums)) if *same == index => {
-                *rows += 1.0;
-                sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
-            }
-            _ => windows.push((index, 1.0, values.collect())),
+        if windows.last().is_none_or(|last| last.index != index) {
+            let rises = vec![0.0; rises.len()];
+            windows.push(Window { index, rows: 0.0, seconds: 0.0, rises, errors: 0.0, target: 0.0 });
+        }
+        if let Some(window) = windows.last_mut() {
+            window.add(passed.as_secs_f64(), cz, &rises);
         }
     }
-    let mean = |window: usize, place: usize| windows[window].2[place] / windows[window].1;
+    let each = || windows.iter();
     Traced {
         name: run.name.clone(),
-        seconds: (0..windows.len()).map(|window| mean(window, 0)).collect(),
-        target: DVector::from_fn(windows.len(), |window, _| mean(window, 1)),
-        rises: DMatrix::from_fn(windows.len(), inputs.len(), |window, column| mean(window, 2 + column)),
+        windows: each().map(|window| window.index).collect(),
+        seconds: each().map(|window| window.seconds / window.rows).collect(),
+        target: DVector::from_iterator(windows.len(), each().map(|window| window.target / window.errors)),
+        rises: DMatrix::from_fn(windows.len(), inputs.len(), |window, column| {
+            windows[window].rises[column] / windows[window].rows
+        }),
+    }
+}
+
+/// Rows that are averaged: how many they are, in how many of them the error is there, and what they add up to.
+struct Window {
+    index: u128,
+    rows: f64,
+    seconds: f64,
+    rises: Vec<f64>,
+    errors: f64,
+    target: f64,
+}
+
+impl Window {
+    fn add(&mut self, seconds: f64, target: f64, rises: &[f64]) {
+        self.rows += 1.0;
+        self.seconds += seconds;
+        self.rises.iter_mut().zip(rises).for_each(|(sum, rise)| *sum += rise);
+        if target.is_finite() {
+            self.errors += 1.0;
+            self.target += target;
+        }
     }
 }
 

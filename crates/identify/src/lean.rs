@@ -52,8 +52,13 @@ mod tests {
     fn what_goes_never_comes_to_more_than_was_allowed_on_any_row_and_takes_its_halves_along() {
         let candidates: Vec<Candidate> = (0..4).map(|input| Candidate::new(input, None)).collect();
         let rises = DMatrix::from_row_slice(2, 4, &[1.0, 1.0, 1.0, 1.0, 10.0, -1.0, 1.0, 0.5]);
-        let run =
-            Traced { name: "day".to_owned(), seconds: vec![0.0, 60.0], target: DVector::zeros(2), rises };
+        let run = Traced {
+            name: "day".to_owned(),
+            windows: vec![0, 1],
+            seconds: vec![0.0, 60.0],
+            target: DVector::zeros(2),
+            rises,
+        };
         let bank = Bank { candidates: candidates.clone(), is_speed: vec![false; 4], runs: vec![run] };
         let gains: Vec<(Candidate, f64)> = candidates.into_iter().zip([1.0, 0.03, 0.04, 0.02]).collect();
         let halves = gains.iter().map(|(_, gain)| [gain - 1.0, gain + 1.0]).collect();

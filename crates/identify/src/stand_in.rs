@@ -183,12 +183,13 @@ impl<'a> Others<'a> {
         cz
     }
 
-    /// A held-out run where what is left is another by this Cz, over every row.
+    /// A held-out run where what is left is another by this Cz, over every row. That run has fewer rows: those with an error,
+    /// and with a speed where the model has one.
     fn score(&self, held: &HeldOut, run: usize, cz: &[f64]) -> RunScore {
-        let has_error = |(cz, target): (&f64, &f64)| target.is_finite().then_some(*cz);
-        let change = cz.iter().zip(&self.bank.runs[run].target).filter_map(has_error);
-        let left: Vec<f64> =
-            held.residual(None).iter().zip(change).map(|(left, change)| left + change).collect();
+        let change =
+            |window: &u128| self.bank.runs[run].windows.binary_search(window).map_or(0.0, |row| cz[row]);
+        let rows = held.residual(None).into_iter().zip(&held.windows);
+        let left: Vec<f64> = rows.map(|(left, window)| left + change(window)).collect();
         RunScore::new(&held.score.name, &held.error, &left)
     }
 

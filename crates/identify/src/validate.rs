@@ -93,6 +93,8 @@ impl Means {
 pub struct HeldOut {
     /// How it fared.
     pub score: RunScore,
+    /// By row: which averaging window of the run it is.
+    pub(crate) windows: Vec<u128>,
     /// Seconds since the run's first row.
     pub seconds: Vec<f64>,
     /// The measured error e, µm, from its cold value.
@@ -160,9 +162,9 @@ pub(super) fn leave_one_run_out(
         let learned = learner.learn(others, without)?;
         let run = &learner.bank().runs[out];
         let (error, cz) = (run.error(), learned.predict(campaign, learner.bank(), out));
-        let seconds = run.seconds.clone();
+        let (windows, seconds) = (run.windows.clone(), run.seconds.clone());
         let score = RunScore::new(&run.name, &error, &residual(&seconds, &error, &cz, probe));
-        Ok(HeldOut { score, seconds, error, cz, learned })
+        Ok(HeldOut { score, windows, seconds, error, cz, learned })
     };
     let held = |out: usize, others: &[usize]| match campaign.never_saw(out) {
         None => judged(campaign, learner, out, others),

@@ -1,0 +1,98 @@
+//! The speed of a spindle as an input.
+
+use isotherm_core::compensation::model::Outside;
+use isotherm_identify::method::Settings;
+use isotherm_identify::setup::{Choice, ready};
+use isotherm_identify::written::written;
+use isotherm_identify::{Identified, identify};
+use isotherm_profile::Profile;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+use super::rig::{self, Day, dataset};
+use super::whitened;
+
+/// What warms with the square of the speed is in the error, and no sensor sees it.
+#[derive(Clone)]
+pub(crate) struct Turning {
+    pub(crate) day: Day,
+    pub(crate) rpm: Vec<f64>,
+}
+
+pub(crate) fn days(count: u64) -> Vec<Turning> {
+    let turning = |(mut day, seed): (Day, u64)| {
+        let mut chance = Pcg64Mcg::seed_from_u64(seed);
+        let speeds: Vec<f64> = (0..6).map(|_| f64::from(chance.random_range(0..6)) * 1000.0).collect();
+        let rows = day.times.len();
+        let rpm: Vec<f64> = (0..rows).map(|row| if row < 5 { 0.0 } else { speeds[row * 6 / rows] }).collect();
+        let mut warm = 0.0;
+        for (error, speed) in day.error.iter_mut().zip(&rpm) {
+            warm += (1.0 - (-60.0_f64 / 1500.0).exp()) * (1e-6 * speed * speed - warm);
+            *error += warm;
+        }
+        Turning { day, rpm }
+    };
+    whitened::days(count, 9, 0.2).into_iter().zip(0..).map(turning).collect()
+}
+
+/// Without the speed in some rows.
+pub(crate) fn log(day: &Turning, is_missing: impl Fn(usize) -> bool) -> String {
+    let plain = day.day.log();
+    let mut lines = plain.lines();
+    let mut text = format!("{},rpm\n", lines.next().unwrap());
+    for (row, (line, speed)) in lines.zip(&day.rpm).enumerate() {
+        let speed = if is_missing(row) { String::new() } else { speed.to_string() };
+        text += &format!("{line},{speed}\n");
+    }
+    text
+}
+
+fn logs(count: u64) -> Vec<String> {
+    days(count).iter().map(|day| log(day, |_| false)).collect()
+}
+
+pub(crate) fn profile_with(model: &str) -> String {
+    let speed = "[signal.rpm]\ndevice = \"m\"\nregister = \"input:90\"\ntype = \"u16\"\nunit = \"rpm\"\nmax_age = \"5s\"\n";
+    rig::profile_with(4, model).replacen("[axis.z]", &format!("{speed}[axis.z]"), 1)
+}
+
+fn profile() -> Profile {
+    rig::parsed(std::path::Path::new("bench.toml"), &profile_with(rig::NO_MODEL))
+}
+
+fn chosen(logs: &[String], choice: &Choice, settings: &Settings) -> Identified {
+    let (profile, dataset) = (profile(), dataset(logs).unwrap());
+    let ready = ready(&profile, &dataset, choice).unwrap();
+    identify(&ready, settings, None, true, &|_, _| {}).unwrap()
+}
+
+/// With the speed as an input.
+pub(crate) fn by(logs: &[String], settings: &Settings) -> Identified {
+    chosen(logs, &Choice { speeds: true, ..rig::choice() }, settings)
+}
+
+pub(crate) fn found(logs: &[String]) -> Identified {
+    by(logs, &Settings::default())
+}
+
+#[test]
+fn a_speed_and_its_square_are_taken_where_the_logs_have_them_and_a_model_without_stands_in() {
+    let logs = logs(5);
+    let (without, with) = (chosen(&logs, &rig::choice(), &Settings::default()), found(&logs));
+    assert!(
+        with.means.mean_range_um < 0.3 * without.means.mean_range_um,
+        "{:?} {:?}",
+        with.means,
+        without.means
+    );
+    let lost = with.fallbacks.iter().find(|fallback| fallback.without == "rpm").unwrap();
+    assert!(lost.terms.iter().all(|term| term.signal != "rpm"));
+    assert!((lost.means.mean_range_um - without.means.mean_range_um).abs() < 1e-9);
+    let block = written(&with, "z", Outside::Agree);
+    let line = block.block.lines().find(|line| line.contains("power = 2")).unwrap();
+    assert!(
+        line.contains("signal = \"rpm\", power = 2, gain = ") && line.contains("reference = 0.0, lag = "),
+        "{line}"
+    );
+    rig::pasted(&profile_with(&block.block), &block.files);
+}
