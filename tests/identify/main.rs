@@ -7,6 +7,7 @@ mod balls;
 mod drift;
 mod faulty;
 mod gaps;
+mod lost;
 mod position;
 mod recovered;
 mod rig;

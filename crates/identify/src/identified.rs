@@ -203,7 +203,14 @@ pub fn identify(
     for (place, run) in runs.iter_mut().enumerate() {
         run.expected_um = inside(&held_out, place);
     }
-    let irreplaceable = irreplaceable(&stand_ins, &fallbacks, &Means::of(&runs));
+    let irreplaceable = match settings.method {
+        Method::Whitened if is_whole && !held_out.is_empty() => {
+            let sensors = inputs.iter().map(|input| &campaign.inputs[*input]);
+            let sensors = sensors.filter(|input| !input.is_speed()).map(|input| input.name.as_str());
+            irreplaceable(sensors, &stand_ins, &fallbacks, &Means::unprobed(&held_out))
+        }
+        _ => Vec::new(),
+    };
     let is_worse = |run: &&RunScore| run.range_um > run.uncompensated_range_um;
     Ok(Identified {
         method: settings.method.name(),

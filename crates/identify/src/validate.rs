@@ -71,6 +71,11 @@ impl Means {
         Means::over(runs.into_iter().map(|run| (run.range_um, run.rmse_um)))
     }
 
+    /// Of the residuals as the model left them, whatever probe takes them out: what stands in for a sensor is judged so, too.
+    pub(super) fn unprobed(held_out: &[HeldOut]) -> Means {
+        Means::over(held_out.iter().map(|held| held.residual(None)).map(|left| (range(&left), rms(&left))))
+    }
+
     /// Of the errors without compensation.
     pub(super) fn uncompensated(runs: &[RunScore]) -> Means {
         Means::over(runs.iter().map(|run| (run.uncompensated_range_um, run.uncompensated_rmse_um)))
@@ -82,7 +87,7 @@ impl Means {
         let runs = count(ranges.len());
         Means {
             mean_range_um: ranges.iter().sum::<f64>() / runs,
-            worst_range_um: ranges.iter().copied().fold(0.0, f64::max),
+            worst_range_um: ranges.iter().copied().fold(f64::NAN, f64::max),
             mean_rmse_um: squares.iter().sum::<f64>() / runs,
         }
     }

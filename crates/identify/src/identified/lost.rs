@@ -12,9 +12,6 @@ use crate::region::Region;
 use crate::stand_in::StandIn;
 use crate::validate::{HeldOut, Means, leave_one_run_out};
 
-/// Runs are few: less of a difference means nothing.
-const CLEARLY: f64 = 1.05;
-
 /// The model that stands in where a sensor is lost.
 #[derive(Clone, Debug, Serialize)]
 pub struct Fallback {
@@ -93,27 +90,32 @@ fn without_each(
     inputs.iter().filter_map(without).collect()
 }
 
-/// Where a sensor is lost, its virtual sensor takes its place if no model without it leaves clearly less; else that model does.
+/// Where a sensor is lost, its virtual sensor takes its place if no model without it leaves less; else that model does.
 pub(super) fn keep_the_better(stand_ins: &mut [StandIn], fallbacks: &mut Vec<Fallback>) {
     for stand_in in stand_ins {
         let is_for_it = |fallback: &Fallback| fallback.without == stand_in.signal;
         let other = fallbacks.iter().find(|fallback| is_for_it(fallback));
         stand_in.stands_in =
-            other.is_none_or(|other| stand_in.means.mean_range_um <= CLEARLY * other.means.mean_range_um);
+            other.is_none_or(|other| stand_in.means.mean_range_um <= other.means.mean_range_um);
         if stand_in.stands_in {
             fallbacks.retain(|fallback| !is_for_it(fallback));
         }
     }
 }
 
-/// Where a sensor is lost, neither the others nor a model without it make up for it.
-pub(super) fn irreplaceable(stand_ins: &[StandIn], fallbacks: &[Fallback], whole: &Means) -> Vec<String> {
+/// Those of these sensors of which, where one is lost, neither the others nor a model without it make up for it.
+pub(super) fn irreplaceable<'a>(
+    sensors: impl Iterator<Item = &'a str>,
+    stand_ins: &[StandIn],
+    fallbacks: &[Fallback],
+    whole: &Means,
+) -> Vec<String> {
     const GROWS: f64 = 1.25;
-    let is_sensor = |fallback: &&Fallback| stand_ins.iter().any(|own| own.signal == fallback.without);
-    let lost = stand_ins.iter().filter(|stand_in| stand_in.stands_in);
-    let lost = lost.map(|stand_in| (&stand_in.signal, &stand_in.means));
-    let lost =
-        lost.chain(fallbacks.iter().filter(is_sensor).map(|fallback| (&fallback.without, &fallback.means)));
-    let grows = lost.filter(|(_, means)| means.mean_range_um > GROWS * whole.mean_range_um);
-    grows.map(|(signal, _)| signal.clone()).collect()
+    let is_lost = |sensor: &&str| {
+        let virtually = stand_ins.iter().filter(|own| own.stands_in && own.signal == *sensor);
+        let models = fallbacks.iter().filter(|own| own.without == *sensor);
+        let mut left = virtually.map(|own| own.means).chain(models.map(|own| own.means));
+        !left.any(|means| means.mean_range_um <= GROWS * whole.mean_range_um)
+    };
+    sensors.filter(is_lost).map(str::to_owned).collect()
 }

@@ -150,13 +150,15 @@ pub(super) fn stand_ins(found: &Identified) -> Markup {
     lost.sort_by(|one, other| other.1.mean_range_um.total_cmp(&one.1.mean_range_um));
     let rows = html! {
         @for (signal, means, by) in lost { (row(&signal, figures(&means).into_iter().chain([by]))) }
-        tr .sum { th scope="row" { "none" } @for figure in figures(&found.means) { td { (figure) } } td {} }
+        tr .sum { th scope="row" { "none" } @for figure in figures(&Means::unprobed(&found.held_out)) { td { (figure) } } td {} }
     };
     html! {
         h2 { "Without one of its sensors" }
         p {
             "Where a sensor is frozen or breaks, what the others say of it takes its place, or a model that does without it, \
-             whichever leaves less. Held out, with the sensor lost from the beginning of each run:"
+             whichever leaves less. Held out, with the sensor lost from the beginning of each run"
+            @if found.probe_s.is_some() { ", without the probe" }
+            ":"
         }
         @for signal in &found.irreplaceable {
             p { strong { (signal) } ": no other sensor can stand in for it. Keep a spare." }
