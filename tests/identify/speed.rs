@@ -67,7 +67,7 @@ fn chosen(logs: &[String], choice: &Choice, settings: &Settings) -> Identified {
 }
 
 /// With the speed as an input.
-pub(crate) fn by(logs: &[String], settings: &Settings) -> Identified {
+fn by(logs: &[String], settings: &Settings) -> Identified {
     chosen(logs, &Choice { speeds: true, ..rig::choice() }, settings)
 }
 
@@ -95,4 +95,22 @@ fn a_speed_and_its_square_are_taken_where_the_logs_have_them_and_a_model_without
         "{line}"
     );
     rig::pasted(&profile_with(&block.block), &block.files);
+}
+
+#[test]
+fn a_speed_that_one_run_lacks_is_no_input_and_no_run_loses_its_rows() {
+    let mut logs = logs(4);
+    logs[2] = days(4)[2].day.log();
+    let found = found(&logs);
+    assert!(found.terms.iter().all(|term| term.signal != "rpm"), "{:?}", found.terms);
+    let told = found.notes.remarks.join("; ");
+    assert!(told.contains("rpm is no input, as it is missing in 100 % of the rows in day2"), "{told}");
+}
+
+#[test]
+fn inputs_that_are_named_leave_a_speed_out_and_say_so() {
+    let inputs = vec!["s0".to_owned(), "s2".to_owned()];
+    let found = chosen(&logs(3), &Choice { speeds: true, inputs, ..rig::choice() }, &Settings::default());
+    let told = found.notes.remarks.join("; ");
+    assert!(told.contains("rpm is no input, as --inputs does not name it"), "{told}");
 }

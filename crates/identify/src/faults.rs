@@ -30,7 +30,8 @@ const STUCK: Duration = Duration::from_secs(3600);
 /// What a stuck sensor would have moved, at least, °C; and in steps of its own resolution.
 const MOVED: f64 = 0.1;
 const MOVED_STEPS: f64 = 5.0;
-const MISSING: f64 = 0.2;
+/// Of the rows of a run.
+pub(super) const MISSING: f64 = 0.2;
 /// A sensor that moves less, °C, in any run is constant.
 const STANDS_STILL: f64 = 1e-6;
 
@@ -162,8 +163,7 @@ fn of_column(dataset: &Dataset, series: &[Vec<Minutes>], place: usize, column: u
         let mut add = |damage: Damage, rows: Vec<usize>, message: String| {
             found.push(Fault { column, run: Some(number), message, damage, rows });
         };
-        let gone = run.values[column].iter().filter(|value| !value.is_finite()).count();
-        let share = count(gone) / count(run.times.len()).max(1.0);
+        let share = missing(run, column);
         if share > MISSING {
             add(Damage::Whole, Vec::new(), format!("missing in {:.0} % of the rows", 100.0 * share));
         }
@@ -190,6 +190,12 @@ fn of_column(dataset: &Dataset, series: &[Vec<Minutes>], place: usize, column: u
         }
     }
     found
+}
+
+/// The share of a run's rows that have no value here.
+pub(super) fn missing(run: &Run, column: usize) -> f64 {
+    let gone = run.values[column].iter().filter(|value| !value.is_finite()).count();
+    count(gone) / count(run.times.len()).max(1.0)
 }
 
 /// When the minute of this second begins, s.

@@ -6,7 +6,7 @@ use crate::ambient;
 use crate::applied::{self, Applied};
 use crate::campaign::{Campaign, Input, Position, temperatures_of};
 use crate::checks::{check_error, check_runs, fahrenheit, nearest, stays, unused_position};
-use crate::dataset::{BadLog, Dataset, Kind};
+use crate::dataset::{BadLog, Dataset, Kind, Run};
 use crate::faults::mend::{Mended, mend};
 use crate::faults::{self, Finding, Notes, Repaired};
 use crate::stand_in::frozen_in;
@@ -22,7 +22,7 @@ pub struct Choice {
     pub error: Option<String>,
     /// The inputs; empty: every temperature of the profile that is in the logs.
     pub inputs: Vec<String>,
-    /// Beside the temperatures every speed of the profile that the logs have.
+    /// Beside every temperature each speed of the profile that all logs have.
     pub speeds: bool,
     /// Inputs that are left out.
     pub without: Vec<String>,
@@ -251,13 +251,6 @@ fn inputs(
                 unknown.join(", ")
             ));
         }
-        let has_speeds = choice.speeds && !found.is_empty();
-        for speed in profile.signals.iter().filter(|signal| has_speeds && signal.unit.0 == "rpm") {
-            let moves = |column: usize| dataset.runs.iter().any(|run| run.range(column) > 0.0);
-            if dataset.column(&speed.name).is_some_and(moves) {
-                found.extend(input(profile, dataset, &speed.name, "", wrong));
-            }
-        }
         if found.is_empty() {
             wrong.push(format!(
                 "no temperature of the profile ({}) is a column of the logs ({}): give both the same names",
@@ -269,6 +262,38 @@ fn inputs(
     for name in choice.without.iter().chain(&choice.keep) {
         signal(profile, name, wrong);
     }
+    if choice.speeds && !found.is_empty() {
+        let speeds = speeds(profile, dataset, choice, remarks);
+        found.extend(speeds.iter().filter_map(|name| input(profile, dataset, name, "", wrong)));
+    }
     found.retain(|input| !choice.without.contains(&input.name));
     found
+}
+
+/// The speeds that turn in some run, and are known in all: a row without one of its inputs is lost to a model.
+fn speeds<'a>(
+    profile: &'a Profile,
+    dataset: &Dataset,
+    choice: &Choice,
+    remarks: &mut Vec<String>,
+) -> Vec<&'a str> {
+    let mut speeds = Vec::new();
+    let names = profile.signals.iter().filter(|signal| signal.unit.0 == "rpm").map(|signal| &signal.name);
+    for name in names.filter(|name| !choice.inputs.contains(name) && !choice.without.contains(name)) {
+        let turns = |column: &usize| dataset.runs.iter().any(|run| run.range(*column) > 0.0);
+        let Some(column) = dataset.column(name).filter(turns) else { continue };
+        let share = |run: &Run| faults::missing(run, column);
+        if !choice.inputs.is_empty() {
+            remarks.push(format!("{name} is no input, as --inputs does not name it"));
+        } else if let Some(run) = dataset.runs.iter().find(|run| share(run) > faults::MISSING) {
+            remarks.push(format!(
+                "{name} is no input, as it is missing in {:.0} % of the rows in {}",
+                100.0 * share(run),
+                run.name
+            ));
+        } else {
+            speeds.push(name.as_str());
+        }
+    }
+    speeds
 }
