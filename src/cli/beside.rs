@@ -17,6 +17,11 @@ impl Beside {
         self.0.push(written.map(|()| format!("{what} is in {}", path.display())));
     }
 
+    /// Says this behind the result, too.
+    pub(super) fn say(&mut self, line: String) {
+        self.0.push(Ok(line));
+    }
+
     /// Says where they are, behind the result, unless a program reads it.
     pub(super) fn end(self, is_for_a_program: bool) -> anyhow::Result<()> {
         let (mut wrong, mut lines) = (Vec::new(), Vec::new());

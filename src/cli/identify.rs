@@ -30,7 +30,7 @@ mod text;
 ///
 /// A log is CSV or Parquet: a column `time` (seconds, RFC 3339, or `05.01.2026 06:00:10` by the clock of --zone), `time_s` or `time_min`, one column per signal of the
 /// profile, and the measured displacement error in µm. One file is one run: a warm-up from a cold machine on. Faulty
-/// sensors are found, told and left out. Each run is held out in turn.
+/// sensors are found, told, and mended or left out. Each run is held out in turn.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.parquet --gap 2h --axis z --write z-model.toml --report z.html\n  isotherm identify --balls touches.csv --recorded mon.csv --out mon-drift.csv"
@@ -205,11 +205,9 @@ fn find(
     without_cz(profile, &mut dataset, &choice, &applied)?;
     let ready = ready(profile, &dataset, &choice)?;
     if let Some(directory) = &arguments.mended {
-        for (run, text) in mended(&ready) {
-            beside.write("what was mended", &directory.join(format!("{run}.mended.csv")), text);
-        }
+        write_mended(directory, &mended(&ready), beside);
     }
-    let prior = arguments.prior.as_ref().map(|path| prior::terms(path, arguments.axis.as_deref()));
+    let prior = arguments.prior.as_ref().map(|path| prior::terms(path, &ready.axis));
     let mut settings = Settings {
         method: arguments.method,
         terms: arguments.terms.map(usize::from),
@@ -240,6 +238,21 @@ fn find(
     let document = || document(profile, &ready, &found, Clock::wall().now());
     let document = arguments.json.then(document).transpose()?;
     Ok((found, document))
+}
+
+/// A file for each of these runs; the directory is made where there is none.
+fn write_mended(directory: &Path, runs: &[(String, String)], beside: &mut Beside) {
+    if runs.is_empty() {
+        beside.say("nothing was mended, so no file says what".to_owned());
+        return;
+    }
+    // Where it cannot be made, no file of it can be written, and that is said.
+    drop(std::fs::create_dir_all(directory));
+    for (run, text) in runs {
+        // A run of a directory or of a column may have any name.
+        let name = run.replace(['/', '\\'], "-");
+        beside.write("what was mended", &directory.join(format!("{name}.mended.csv")), text);
+    }
 }
 
 fn write(arguments: &Arguments, found: &Identified, path: &Path, beside: &mut Beside) {

@@ -4,6 +4,7 @@
 #![allow(clippy::cast_precision_loss, reason = "rows of a test")]
 
 mod balls;
+mod command;
 mod drift;
 mod faulty;
 mod gaps;

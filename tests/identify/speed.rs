@@ -114,3 +114,14 @@ fn inputs_that_are_named_leave_a_speed_out_and_say_so() {
     let told = found.notes.remarks.join("; ");
     assert!(told.contains("rpm is no input, as --inputs does not name it"), "{told}");
 }
+
+#[test]
+fn of_one_run_a_model_without_the_speed_is_written_too() {
+    let found = found(&logs(1));
+    assert_eq!(found.fallbacks.iter().map(|own| own.without.as_str()).collect::<Vec<_>>(), ["rpm"]);
+    assert!(found.means.worst_range_um.is_nan() && found.fallbacks[0].means.worst_range_um.is_nan());
+    assert!(found.notes.remarks.iter().any(|told| told.contains("nothing stands in for a sensor")));
+    let block = written(&found, "z", Outside::Agree);
+    assert!(block.block.contains("\n# Where rpm is lost.\n"), "{}", block.block);
+    rig::pasted(&profile_with(&block.block), &block.files);
+}

@@ -35,8 +35,8 @@ fn inside(days: u64, size: f64, memory: f64) -> ([usize; 3], [f64; 3]) {
         let found = found(3, &campaign(days, seed, size, memory), &settings);
         for (place, (name, truth)) in [("s0", -3.0), ("s1", 0.0), ("s2", 1.5)].into_iter().enumerate() {
             let term = found.terms.iter().find(|term| term.signal == name).unwrap();
-            inside[place] += usize::from((term.gain - truth).abs() <= 1.96 * term.se);
-            found_of[place].push((term.gain - truth, term.se));
+            inside[place] += usize::from((term.gain - truth).abs() <= 1.96 * term.se.unwrap());
+            found_of[place].push((term.gain - truth, term.se.unwrap()));
         }
     }
     let wide = found_of.map(|mut found| {

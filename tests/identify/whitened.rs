@@ -68,6 +68,8 @@ fn one_run_is_learnt_from_with_seven_tenths_and_told_what_that_is_worth() {
         // The same run twice has the same products, and so the same ridge but for the share.
         assert!((one.gain - 0.7 * both.gain).abs() < 1e-9, "{one:?} {both:?}");
     }
+    let says_nothing = |found: &Identified| found.terms.iter().all(|term| term.se.is_none());
+    assert!(says_nothing(&alone) && says_nothing(&twice), "too few runs for a standard error");
     assert!(alone.runs.is_empty() && alone.expected.is_none() && alone.means.mean_range_um.is_nan());
     let told =
         |found: &Identified, word: &str| found.notes.remarks.iter().any(|remark| remark.contains(word));
@@ -89,6 +91,38 @@ fn the_block_names_its_halves_its_stand_ins_and_what_to_expect_and_a_profile_tak
         assert!(block.block.contains(key), "{}", block.block);
     }
     rig::pasted(&rig::profile_with(4, &block.block), &block.files);
+}
+
+#[test]
+fn a_model_without_an_envelope_has_no_halves_and_lags_without_none_have_both() {
+    let lags = [6, 25].map(|minutes| Some(Duration::from_mins(minutes))).to_vec();
+    let mut found = found(4, &logs(&days(4, 11, 1.0)), &Settings { lags, ..Settings::default() });
+    let late = written(&found, "z", Outside::Agree);
+    assert!(late.block.contains("envelope = ") && late.block.contains("halves = "), "{}", late.block);
+    rig::pasted(&rig::profile_with(4, &late.block), &late.files);
+    found.region = None;
+    let bare = written(&found, "z", Outside::Agree);
+    assert!(bare.files.iter().all(|(name, _)| name != "z.halves.json"), "{}", bare.block);
+    rig::pasted(&rig::profile_with(4, &bare.block), &bare.files);
+}
+
+#[test]
+fn where_no_term_comes_to_half_a_count_that_is_told_and_no_model_is_written() {
+    let coarse = rig::profile_with(4, rig::NO_MODEL).replace("scale = 0.001", "scale = 200.0");
+    let profile = rig::parsed(std::path::Path::new("bench.toml"), &coarse);
+    let dataset = dataset(&logs(&days(3, 11, 1.0))).unwrap();
+    let ready = ready(&profile, &dataset, &rig::choice()).unwrap();
+    let found = identify(&ready, &Settings::default(), None, true, &|_, _| {}).unwrap();
+    assert_eq!(found.terms, []);
+    let told = found.notes.remarks.join("; ");
+    assert!(told.contains("Cz never comes to half a count of the register"), "{told}");
+    let block = written(&found, "z", Outside::Agree);
+    assert!(block.files.is_empty() && block.block.lines().all(|line| line.starts_with('#')), "{block:?}");
+}
+
+#[test]
+fn what_to_expect_is_not_known_from_models_of_one_run() {
+    assert_eq!(found(4, &logs(&days(2, 13, 4.0)), &Settings::default()).expected, None);
 }
 
 #[test]

@@ -95,18 +95,24 @@ impl Bank {
         Bank::new(campaign, (0..campaign.inputs.len()).flat_map(of_input).collect())
     }
 
-    /// Every temperature through these lags.
-    pub(crate) fn of_temperatures(campaign: &Campaign<'_>, lags: &[Option<Duration>], rows: Rows) -> Bank {
-        let inputs = (0..campaign.inputs.len()).filter(|input| !campaign.inputs[*input].is_speed());
-        let all = |input| lags.iter().map(move |lag| Candidate::new(input, *lag));
-        Bank::with(campaign, inputs.flat_map(all).collect(), rows)
+    /// These inputs through these lags.
+    pub(crate) fn of_inputs(
+        campaign: &Campaign<'_>,
+        inputs: &[usize],
+        lags: &[Option<Duration>],
+        rows: Rows,
+    ) -> Bank {
+        let all = |input: &usize| {
+            let input = *input;
+            lags.iter().map(move |lag| Candidate::new(input, *lag))
+        };
+        Bank::with(campaign, inputs.iter().flat_map(all).collect(), rows)
     }
 
     /// Every input through these lags.
     pub(crate) fn of(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Bank {
-        let inputs = 0..campaign.inputs.len();
-        let all = |input| lags.iter().map(move |lag| Candidate::new(input, *lag));
-        Bank::new(campaign, inputs.flat_map(all).collect())
+        let inputs: Vec<usize> = (0..campaign.inputs.len()).collect();
+        Bank::of_inputs(campaign, &inputs, lags, Rows::WithError)
     }
 
     /// These candidates.
@@ -137,6 +143,11 @@ impl Bank {
             .iter()
             .flat_map(|run| run.rises.column(column).iter().copied().collect::<Vec<f64>>())
             .collect()
+    }
+
+    /// The largest rise or fall of a column, over the rows of all runs.
+    pub(crate) fn largest(&self, column: usize) -> f64 {
+        self.runs.iter().map(|run| run.rises.column(column).amax()).fold(0.0, f64::max)
     }
 
     /// The measured error, µm from its cold value, over the rows of all runs.

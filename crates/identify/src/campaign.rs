@@ -113,6 +113,11 @@ impl<'a> Campaign<'a> {
         }
     }
 
+    /// The inputs that are no speeds.
+    pub(crate) fn sensors(&self) -> Vec<usize> {
+        (0..self.inputs.len()).filter(|input| !self.inputs[*input].is_speed()).collect()
+    }
+
     /// The same with what was faulty mended.
     #[must_use]
     pub(super) fn with_mending(self, mending: Option<Mending<'a>>) -> Campaign<'a> {

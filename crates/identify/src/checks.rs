@@ -113,7 +113,7 @@ pub(super) fn column_of(dataset: &Dataset, name: &str, wrong: &mut Vec<String>) 
 
 /// The remark about a sensor that looks faulty and is kept.
 pub(super) fn stays(faulty: &Finding) -> String {
-    format!("{} stays in as asked, though it {}", faulty.signal, faulty.reason)
+    format!("{} stays in as asked: {}", faulty.signal, faulty.reason)
 }
 
 /// "; did you mean …", or what there is.

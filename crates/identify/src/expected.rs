@@ -42,15 +42,20 @@ pub struct Inside {
 /// Hours, what was left squared, and the weight.
 type Row = (f64, f64, f64);
 
-/// From every held-out run; `None` where there are fewer than two, or nothing was left.
+/// From every held-out run; `None` where nothing was left, or they are so few that each model had seen one run alone.
 pub(crate) fn expected(held_out: &[HeldOut]) -> Option<Expected> {
     let all = |rows: fn(&HeldOut) -> Vec<Row>| growth(held_out.iter().flat_map(rows).collect());
-    (held_out.len() > 1).then_some(())?;
+    is_enough(held_out)?;
     Some(Expected { since_datum: all(since_datum)?, since_touch: all(since_touch)? })
 }
 
-/// How much of this run is where the others say that it may be expected; `None` where it is alone, or they say nothing.
+fn is_enough(held_out: &[HeldOut]) -> Option<()> {
+    (held_out.len() > 2).then_some(())
+}
+
+/// How much of this run is where the others say that it may be expected; `None` where they say nothing.
 pub(crate) fn inside(held_out: &[HeldOut], run: usize) -> Option<Inside> {
+    is_enough(held_out)?;
     let others = held_out.iter().enumerate().filter(|(other, _)| *other != run);
     let [a, b] = growth(others.flat_map(|(_, held)| since_datum(held)).collect())?;
     let rows = since_datum(held_out.get(run)?);

@@ -68,7 +68,7 @@ pub struct Identified {
     /// How fast what it leaves wanders, µm²/h: the probe's q.
     pub probe_q: Option<f64>,
     /// Runs that it left worse than they were without compensation.
-    pub outside_runs: Vec<String>,
+    pub worse_runs: Vec<String>,
     /// Held out, by how many sensors are kept, from none on; empty where it was not asked for.
     pub by_sensors: Vec<Counted>,
     /// Sensors of which no other tells: where one is lost, a run's range grows by more than a quarter.
@@ -103,8 +103,10 @@ pub struct TermFound {
     pub gain: f64,
     /// The gain's unit: µm/°C, or as the profile has the signal; a term of the slope: µm/mm/°C.
     pub unit: String,
-    /// The gain's standard error.
-    pub se: f64,
+    /// The gain's standard error; none where too few runs say nothing of it.
+    pub se: Option<f64>,
+    /// The most that it adds to Cz on any row, µm.
+    pub largest_um: f64,
     /// How many times the variance of the gain is what it were if no other term resembled it; none as for the condition.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub inflation: Option<f64>,
@@ -160,30 +162,37 @@ pub fn identify(
         1 => Vec::new(),
         _ => leave_one_run_out(campaign, learner, settings, &[], probe, progress)?,
     };
-    notes.remarks.extend(worth(bank.runs.len()));
     let mut learned = learner.learn(&(0..bank.runs.len()).collect::<Vec<usize>>(), &[])?;
     if settings.method == Method::Whitened {
-        learned = lean(learned, bank, ready.half_a_count());
+        notes.remarks.extend(worth(bank.runs.len(), settings.prior.is_some()));
+        let half_a_count = ready.half_a_count();
+        learned = lean(learned, bank, half_a_count);
+        if learned.inputs().is_empty() {
+            notes.remarks.push(format!(
+                "Cz never comes to half a count of the register ({half_a_count} µm) on any row: there is nothing to compensate, and \
+                 no model is written"
+            ));
+        }
     }
     let inputs = learned.inputs();
-    let (mut stand_ins, mut fallbacks) = match is_whole && inputs.len() > 1 && !held_out.is_empty() {
-        true => (
-            match settings.method {
-                Method::Whitened => stand_in::stand_ins(campaign, &inputs, &held_out),
-                _ => Vec::new(),
-            },
-            fallbacks(campaign, learner, settings, &inputs, &learned, &held_out)?,
-        ),
-        false => Default::default(),
+    // Where the machine keeps a few sensors, nothing may need another one.
+    let among = match settings.sensors {
+        Some(_) => inputs.clone(),
+        None => (0..campaign.inputs.len()).collect(),
+    };
+    let is_judged = is_whole && settings.method == Method::Whitened && !held_out.is_empty();
+    let mut stand_ins = match is_judged {
+        true => stand_in::stand_ins(campaign, &among, &inputs, &held_out),
+        false => Vec::new(),
+    };
+    let mut fallbacks = match is_whole && campaign.inputs.len() > 1 {
+        true => fallbacks(campaign, learner, settings, (&among, &inputs), &learned, &held_out)?,
+        false => Vec::new(),
     };
     keep_the_better(&mut stand_ins, &mut fallbacks);
-    let by_sensors = match settings.method {
-        Method::Whitened if is_whole && !held_out.is_empty() => {
-            let sensors: Vec<usize> =
-                (0..campaign.inputs.len()).filter(|input| !campaign.inputs[*input].is_speed()).collect();
-            counted(campaign, bank, &sensors, MOST_COUNTED, &|_, _| {}).table
-        }
-        _ => Vec::new(),
+    let by_sensors = match is_judged {
+        true => counted(campaign, bank, &campaign.sensors(), MOST_COUNTED, &|_, _| {}).table,
+        false => Vec::new(),
     };
     let (mut terms, mut condition) = (Vec::new(), None);
     if let Some(gains) = learned.sum() {
@@ -192,7 +201,7 @@ pub fn identify(
         let collinear = collinearity(campaign, bank, gains);
         condition = collinear.as_ref().map(|collinear| collinear.condition);
         let inflation = |place: usize| collinear.as_ref().map(|collinear| collinear.inflation[place]);
-        terms = terms_of(campaign, gains);
+        terms = terms_of(campaign, bank, gains);
         for (place, (term, se)) in terms.iter_mut().zip(errors).enumerate() {
             (term.se, term.inflation) = (se, inflation(place));
         }
@@ -203,13 +212,13 @@ pub fn identify(
     for (place, run) in runs.iter_mut().enumerate() {
         run.expected_um = inside(&held_out, place);
     }
-    let irreplaceable = match settings.method {
-        Method::Whitened if is_whole && !held_out.is_empty() => {
+    let irreplaceable = match is_judged {
+        true => {
             let sensors = inputs.iter().map(|input| &campaign.inputs[*input]);
             let sensors = sensors.filter(|input| !input.is_speed()).map(|input| input.name.as_str());
             irreplaceable(sensors, &stand_ins, &fallbacks, &Means::unprobed(&held_out))
         }
-        _ => Vec::new(),
+        false => Vec::new(),
     };
     let is_worse = |run: &&RunScore| run.range_um > run.uncompensated_range_um;
     Ok(Identified {
@@ -225,7 +234,7 @@ pub fn identify(
         uncompensated: Means::uncompensated(&runs),
         expected,
         probe_q: wander(&held_out),
-        outside_runs: runs.iter().filter(is_worse).map(|run| run.name.clone()).collect(),
+        worse_runs: runs.iter().filter(is_worse).map(|run| run.name.clone()).collect(),
         runs,
         probe_s: probe,
         notes,
@@ -245,6 +254,15 @@ pub fn identify(
         held_out,
         learned,
     })
+}
+
+impl Identified {
+    /// The terms, those first that come to most: gains of different units cannot be compared.
+    pub fn by_size(&self) -> Vec<&TermFound> {
+        let mut terms: Vec<&TermFound> = self.terms.iter().collect();
+        terms.sort_by(|one, other| other.largest_um.total_cmp(&one.largest_um));
+        terms
+    }
 }
 
 /// How a model of some runs, by their numbers, fares on each of the others.
@@ -270,21 +288,26 @@ pub fn judged_on_the_others(
 }
 
 /// What a model of so few runs is worth.
-fn worth(runs: usize) -> Option<String> {
-    match runs {
-        1 => Some(
-            "one run: nothing could be held out, so nobody knows how good this is; of such models one in four left a later run \
-             worse than no compensation. Seven tenths of each gain were taken for that. Record another day before you rely \
-             on it"
-                .to_owned(),
+fn worth(runs: usize, has_prior: bool) -> Option<String> {
+    let share = match (runs, has_prior) {
+        (1, false) => {
+            "; of such models one in four left a later run worse than no compensation. Seven tenths of each gain were taken for that, and"
+        }
+        (1, true) => ", and",
+        (2, false) => " alone, of which seven tenths are taken",
+        (2, true) => " alone",
+        _ => return None,
+    };
+    Some(match runs {
+        1 => format!(
+            "one run: nothing could be held out, so nobody knows how good this is{share} nothing stands in for a sensor that fails. \
+             Record another day before you rely on it"
         ),
-        2 => Some(
-            "two runs: each was judged by a model of the other one alone, of which seven tenths are taken; that of both, \
-             which is written, was judged by nobody. Record a third day"
-                .to_owned(),
+        _ => format!(
+            "two runs: each was judged by a model of the other one{share}; that of both, which is written, was judged by nobody. \
+             Record a third day"
         ),
-        _ => None,
-    }
+    })
 }
 
 /// Least squares on all columns needs more rows than columns, also where the longest run is held out.
@@ -301,18 +324,24 @@ fn check_count(bank: &Bank, method: Method) -> Result<(), String> {
     ))
 }
 
-fn terms_of(campaign: &Campaign<'_>, gains: &[(Candidate, f64)]) -> Vec<TermFound> {
+fn terms_of(campaign: &Campaign<'_>, bank: &Bank, gains: &[(Candidate, f64)]) -> Vec<TermFound> {
     let unit = |candidate: &Candidate| {
         let (of, per) = (if candidate.along { "µm/mm" } else { "µm" }, campaign.inputs[candidate.input].unit);
         let square = if candidate.squared { "²" } else { "" };
         if per.0 == "1" { of.to_owned() } else { format!("{of}/{per}{square}") }
     };
-    let term = |(candidate, gain): &(Candidate, f64)| TermFound {
+    let largest = |(candidate, gain): &(Candidate, f64)| {
+        // A time constant that was fitted is in no bank: what is late moves no more than what it follows.
+        let column = bank.column(candidate).or_else(|| bank.plain(candidate.input));
+        column.map_or(0.0, |column| bank.largest(column) * gain.abs())
+    };
+    let term = |own @ (candidate, gain): &(Candidate, f64)| TermFound {
         unit: unit(candidate),
         signal: campaign.inputs[candidate.input].name.clone(),
         lag_s: candidate.lag.map_or(0.0, |lag| lag.as_secs_f64()),
         gain: *gain,
-        se: 0.0,
+        se: None,
+        largest_um: largest(own),
         inflation: None,
         slope: candidate.along,
         squared: candidate.squared,

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
 
-use crate::bank::Bank;
+use crate::bank::{Bank, Candidate};
 use crate::campaign::Campaign;
 use crate::statistics::{count, least_and_most};
 use isotherm_core::compensation::model::envelope::MOST;
@@ -37,6 +37,14 @@ impl Region {
         if inputs.is_empty() || inputs.len() > MOST {
             return None;
         }
+        let own;
+        let bank = if inputs.iter().all(|input| bank.plain(*input).is_some()) {
+            bank
+        } else {
+            // With --lags a bank may have none of the rises themselves.
+            own = Bank::new(campaign, inputs.iter().map(|input| Candidate::new(*input, None)).collect());
+            &own
+        };
         let columns = inputs.iter().map(|input: &usize| Some(bank.rises(bank.plain(*input)?)));
         let columns: Vec<Vec<f64>> = columns.collect::<Option<_>>()?;
         let row = |row: usize| DVector::from_fn(columns.len(), |place, _| columns[place][row]);

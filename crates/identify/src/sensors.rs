@@ -22,7 +22,7 @@ pub(crate) struct Forward {
 
 impl Forward {
     pub(crate) fn new(campaign: &Campaign<'_>) -> Forward {
-        let bank = Bank::of_temperatures(campaign, &LAGS, Rows::WithError);
+        let bank = Bank::of_inputs(campaign, &campaign.sensors(), &LAGS, Rows::WithError);
         Forward { products: Products::of(&bank), bank }
     }
 

@@ -8,7 +8,7 @@ use crate::campaign::{Campaign, Input, Position, temperatures_of};
 use crate::checks::{check_error, check_runs, fahrenheit, nearest, stays, unused_position};
 use crate::dataset::{BadLog, Dataset, Kind, Run};
 use crate::faults::mend::{Mended, mend};
-use crate::faults::{self, Finding, Notes, Repaired};
+use crate::faults::{self, Fault, Finding, Notes, Repaired};
 use crate::stand_in::frozen_in;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Profile, Signal};
@@ -131,10 +131,11 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
     }
     let is_kept = |column: &usize| choice.keep.contains(&dataset.columns[*column].name);
     let (kept, judged): (Vec<usize>, Vec<usize>) = temperatures.iter().partition(|column| is_kept(column));
+    let mut staying = Vec::new();
     if !kept.is_empty() {
         // A fault shows against the others.
-        let found = faults::find(dataset, &temperatures);
-        remarks.extend(found.iter().filter(|found| choice.keep.contains(&found.signal)).map(stays));
+        staying = faults::find(dataset, &temperatures);
+        staying.retain(|found| choice.keep.contains(&found.signal));
     }
     let good_of = |excluded: &[Finding]| -> Vec<Input> {
         let is_good = |input: &&Input| !excluded.iter().any(|faulty| faulty.signal == input.name);
@@ -147,10 +148,22 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
     let mut good = good_of(&mended.excluded);
     // What stands still for less than an hour shows against what the other sensors say of it.
     let frozen = frozen_in(&campaign_of(good.clone(), mended.mending.clone()));
+    if frozen.is_none() {
+        remarks.push(
+            "fewer than four runs: no sensor was tested for having stood still for less than an hour"
+                .to_owned(),
+        );
+    }
+    let (kept, frozen): (Vec<_>, Vec<_>) =
+        frozen.unwrap_or_default().into_iter().partition(|frozen| is_kept(&frozen.column));
     if !frozen.is_empty() {
         mended = mend(dataset, &judged, &frozen);
         good = good_of(&mended.excluded);
     }
+    let kept = kept.iter().map(|frozen| Fault::frozen(dataset, frozen).finding(dataset, ""));
+    let is_new = |found: &Finding| staying.iter().all(|known| known.signal != found.signal);
+    let kept: Vec<Finding> = kept.filter(is_new).collect();
+    remarks.extend(staying.iter().chain(&kept).map(stays));
     let Mended { mending, excluded, repaired } = mended;
     if good.is_empty() {
         let reasons = excluded.iter().map(|faulty| format!("{}: {}", faulty.signal, faulty.reason));

@@ -72,7 +72,7 @@ pub(crate) struct Others<'a> {
     campaign: &'a Campaign<'a>,
     bank: Bank,
     white: Vec<Gram>,
-    /// The inputs that are temperatures.
+    /// By their places among the inputs.
     sensors: Vec<usize>,
 }
 
@@ -80,18 +80,18 @@ pub(crate) struct Others<'a> {
 type Gains = Vec<(Candidate, f64)>;
 
 impl<'a> Others<'a> {
-    pub(crate) fn new(campaign: &'a Campaign<'a>) -> Others<'a> {
-        let sensors: Vec<usize> =
-            (0..campaign.inputs.len()).filter(|input| !campaign.inputs[*input].is_speed()).collect();
-        let bank = Bank::of_temperatures(campaign, &usual_lags(), Rows::Every);
+    /// Those of these inputs that are temperatures.
+    pub(crate) fn new(campaign: &'a Campaign<'a>, among: &[usize]) -> Others<'a> {
+        let mut sensors = campaign.sensors();
+        sensors.retain(|sensor| among.contains(sensor));
+        let bank = Bank::of_inputs(campaign, &sensors, &usual_lags(), Rows::Every);
         let gram = |run: &Traced| whiten::gram(&run.seconds, &run.rises, &DVector::zeros(run.seconds.len()));
         Others { campaign, white: bank.runs_in_parallel(gram), bank, sensors }
     }
 
-    /// The products of all columns but those of this sensor, with its own rise as the target.
-    fn products(&self, sensor: usize, columns: &[usize], runs: &[usize]) -> Gram {
+    /// The products of these columns with that of a sensor's own rise as the target.
+    fn products(&self, own: usize, columns: &[usize], runs: &[usize]) -> Gram {
         let sum = Gram::sum(&self.white, runs);
-        let own = self.bank.plain(sensor).unwrap_or_default();
         Gram {
             square: DMatrix::from_fn(columns.len(), columns.len(), |i, j| {
                 sum.square[(columns[i], columns[j])]
@@ -107,13 +107,13 @@ impl<'a> Others<'a> {
         let candidates = self.bank.candidates.iter().enumerate();
         let others = candidates.filter(|(_, candidate)| candidate.input != sensor);
         let columns: Vec<usize> = others.map(|(column, _)| column).collect();
-        if columns.is_empty() || runs.is_empty() {
+        let Some(own) = self.bank.plain(sensor).filter(|_| !columns.is_empty() && !runs.is_empty()) else {
             return Gains::new();
-        }
-        let all = self.products(sensor, &columns, runs);
+        };
+        let all = self.products(own, &columns, runs);
         let penalties = decades(-3, 1, 1);
         let costs = folds(runs).into_iter().filter(|held| held.len() < runs.len()).map(|held| {
-            let held = self.products(sensor, &columns, &held);
+            let held = self.products(own, &columns, &held);
             let ridge = Ridge::of(&all.less(&held));
             penalties.iter().map(|penalty| held.left(&ridge.at(*penalty))).collect()
         });
@@ -157,18 +157,19 @@ impl<'a> Others<'a> {
         self.bank.runs[run].seconds.iter().map(|second| until(*second)).collect()
     }
 
-    /// θ of a sensor, each run predicted by fits that did not see it.
-    fn threshold(&self, sensor: usize, runs: &[usize]) -> f64 {
-        let mut largest: Vec<f64> = Vec::new();
+    /// Each of these runs with its D by row, predicted by a fit that did not see it.
+    fn held_out(&self, sensor: usize, runs: &[usize]) -> Vec<(usize, Vec<f64>)> {
+        let mut each = Vec::new();
         for held in folds(runs) {
             let others: Vec<usize> = runs.iter().copied().filter(|run| !held.contains(run)).collect();
             let gains = self.learn(sensor, if others.is_empty() { runs } else { &others });
-            let most = |run: &usize| self.apart(sensor, &gains, *run).into_iter().fold(0.0, f64::max);
-            largest.extend(held.iter().map(most));
+            each.extend(held.into_iter().map(|run| (run, self.apart(sensor, &gains, run))));
         }
-        largest.sort_by(|one, other| other.total_cmp(one));
-        let seen = if runs.len() < ENOUGH_RUNS { largest.first() } else { largest.get(1) };
-        (TIMES * seen.copied().unwrap_or_default()).max(LEAST)
+        each
+    }
+
+    fn threshold(&self, sensor: usize, runs: &[usize]) -> f64 {
+        threshold(&self.held_out(sensor, runs))
     }
 
     /// What Cz changes by, over every row of a run, where a sensor's rise is another by so much.
@@ -194,8 +195,9 @@ impl<'a> Others<'a> {
     }
 
     fn rise(&self, sensor: usize, run: usize) -> Vec<f64> {
-        let column = self.bank.plain(sensor).unwrap_or_default();
-        self.bank.runs[run].rises.column(column).iter().copied().collect()
+        let rises = &self.bank.runs[run].rises;
+        let column = self.bank.plain(sensor).map(|column| rises.column(column));
+        column.map(|column| column.iter().copied().collect()).unwrap_or_default()
     }
 
     /// How each held-out run fares where the sensor is lost from its beginning.
@@ -214,9 +216,14 @@ impl<'a> Others<'a> {
     }
 }
 
-/// What stands in for each of these sensors of a model that was held out.
-pub(crate) fn stand_ins(campaign: &Campaign<'_>, inputs: &[usize], held_out: &[HeldOut]) -> Vec<StandIn> {
-    let others = Others::new(campaign);
+/// What stands in for each of these inputs of a model that was held out, as those of `among` say it.
+pub(crate) fn stand_ins(
+    campaign: &Campaign<'_>,
+    among: &[usize],
+    inputs: &[usize],
+    held_out: &[HeldOut],
+) -> Vec<StandIn> {
+    let others = Others::new(campaign, among);
     let all: Vec<usize> = (0..campaign.dataset.runs.len()).collect();
     let one = |sensor: &&usize| {
         let terms = others.learn(**sensor, &all).into_iter().map(|(candidate, gain)| {
@@ -235,31 +242,46 @@ pub(crate) fn stand_ins(campaign: &Campaign<'_>, inputs: &[usize], held_out: &[H
     if others.sensors.len() < 2 { Vec::new() } else { sensors.iter().map(one).collect() }
 }
 
-/// Where the test speaks on the runs that are learnt from.
-pub(crate) fn frozen_in(campaign: &Campaign<'_>) -> Vec<faults::Frozen> {
-    let others = Others::new(campaign);
-    let all: Vec<usize> = (0..campaign.dataset.runs.len()).collect();
-    if others.sensors.len() < 2 || all.len() < ENOUGH_RUNS {
-        return Vec::new();
+/// Every stretch of the runs that are learnt from where the test speaks; `None` where there are too few runs for one.
+pub(crate) fn frozen_in(campaign: &Campaign<'_>) -> Option<Vec<faults::Frozen>> {
+    let (sensors, runs) = (campaign.sensors(), campaign.dataset.runs.len());
+    if sensors.len() < 2 {
+        return Some(Vec::new());
     }
+    (runs >= ENOUGH_RUNS).then_some(())?;
+    let others = Others::new(campaign, &sensors);
     let of_sensor = |sensor: &usize| {
-        let (threshold, gains) = (others.threshold(*sensor, &all), others.learn(*sensor, &all));
+        // A fit that has seen the frozen hours would make little of them.
+        let each = others.held_out(*sensor, &(0..runs).collect::<Vec<usize>>());
+        let threshold = threshold(&each);
         let column = campaign.inputs[*sensor].column;
-        let of_run = |run: &usize| {
-            let (apart, changed) = (others.apart(*sensor, &gains, *run), others.changed(*sensor, *run));
-            let seconds = &others.bank.runs[*run].seconds;
-            let first = apart.iter().position(|apart| *apart > threshold)?;
-            let from = changed[first];
-            let rows = (first..seconds.len()).take_while(|row| changed[*row].to_bits() == from.to_bits());
-            let last = rows.last().unwrap_or(first);
-            let missed = apart[first..=last].iter().copied().fold(0.0, f64::max);
-            // Its last row is frozen, too.
-            let to = seconds.get(last + 1).map_or(f64::INFINITY, |next| *next);
-            Some(faults::Frozen { column, run: *run, from, to: to.min(seconds[last] + 60.0), missed })
+        let of_run = |(run, apart): (usize, Vec<f64>)| {
+            let changed = others.changed(*sensor, run);
+            let seconds = &others.bank.runs[run].seconds;
+            let rows: Vec<usize> = (0..seconds.len()).collect();
+            let stays = |one: &usize, other: &usize| changed[*one].to_bits() == changed[*other].to_bits();
+            let frozen = |stretch: &[usize]| {
+                let missed = stretch.iter().map(|row| apart[*row]).fold(0.0, f64::max);
+                let last = *stretch.last().filter(|_| missed > threshold)?;
+                // Its last row is frozen, too.
+                let to = seconds.get(last + 1).map_or(f64::INFINITY, |next| *next);
+                let to = to.min(seconds[last] + 60.0);
+                Some(faults::Frozen { column, run, from: changed[last], to, missed })
+            };
+            rows.chunk_by(stays).filter_map(frozen).collect::<Vec<_>>()
         };
-        all.iter().filter_map(of_run).collect::<Vec<_>>()
+        each.into_iter().flat_map(of_run).collect::<Vec<_>>()
     };
-    others.sensors.par_iter().flat_map_iter(of_sensor).collect()
+    Some(others.sensors.par_iter().flat_map_iter(of_sensor).collect())
+}
+
+/// θ, from D of each run.
+fn threshold(each: &[(usize, Vec<f64>)]) -> f64 {
+    let mut largest: Vec<f64> =
+        each.iter().map(|(_, apart)| apart.iter().copied().fold(0.0, f64::max)).collect();
+    largest.sort_by(|one, other| other.total_cmp(one));
+    let seen = if each.len() < ENOUGH_RUNS { largest.first() } else { largest.get(1) };
+    (TIMES * seen.copied().unwrap_or_default()).max(LEAST)
 }
 
 /// D over rows.

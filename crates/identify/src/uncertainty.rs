@@ -4,7 +4,8 @@
 //! reference is in a whole run. So only runs count as samples. The covariance is clustered by run with the small-sample
 //! correction CR2, and Student's factor has the degrees of freedom of Bell and McCaffrey (2002): how few runs in truth
 //! carry this gain. Where gains are held small or chosen, there is no normal equation to do that with: the spread of the gains
-//! among the fits that left a run out (jackknife) is stated, with Student's factor for that many runs.
+//! among the fits that left a run out (jackknife) is stated, with Student's factor for that many runs; of fewer than three such
+//! fits nothing is.
 //!
 //! 500 to 1500 simulated campaigns of two, three, four and eight runs, whose disturbances last half an hour to four hours, have
 //! each gain within 1.96 of these in 95 to 98 of 100. Samples counted by how long residuals resemble each other have it in
@@ -18,23 +19,23 @@ use crate::gram::Gram;
 use crate::learn::Learned;
 use crate::statistics::{count, mean};
 
-/// One standard error per gain, in its unit.
+/// One standard error per gain, in its unit; `None` where nobody can say.
 pub(super) fn standard_errors(
     bank: &Bank,
     gains: &[(Candidate, f64)],
     left_out: &[&Learned],
     by_spread_alone: bool,
-) -> Vec<f64> {
+) -> Vec<Option<f64>> {
     let spread = || {
         let few = for_few(count(left_out.len()) - 1.0);
         let errors = jackknife(bank, gains, left_out)?;
-        Some(errors.into_iter().map(|error| few * error).collect())
+        Some(errors.into_iter().map(|error| few * error).collect::<Vec<f64>>())
     };
     let found = match by_spread_alone {
-        true => spread().or_else(|| by_runs(bank, gains)),
+        true => spread(),
         false => by_runs(bank, gains).or_else(spread),
     };
-    found.unwrap_or_else(|| vec![0.0; gains.len()])
+    found.map_or_else(|| vec![None; gains.len()], |errors| errors.into_iter().map(Some).collect())
 }
 
 /// A time constant that was fitted is another in each fit; such a term is known by its sensor.

@@ -26,6 +26,11 @@ pub struct Written {
 /// `<stem>.network.json`.
 pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     let (position, mut files) = (found.position.as_ref(), Vec::new());
+    let mut block = head(found).iter().map(|line| format!("# {line}\n")).collect::<String>();
+    if found.learned.inputs().is_empty() {
+        block += "# No model: it would have no term.\n";
+        return Written { block, files };
+    }
     let settle = settle(found);
     // What its rises are measured from, for `check` to compare.
     let with = format!("identified_with = {{ settle = \"{settle}\" }}");
@@ -54,7 +59,6 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
         };
         format!("[[axis.{}.model]]\nname = {}\n{body}\n{envelope}\n", found.axis, json!(name))
     };
-    let mut block = head(found).iter().map(|line| format!("# {line}\n")).collect::<String>();
     block += &model(found.method, body, found.region.as_ref(), format!("{stem}.envelope.json"));
     block += &beside;
     for fallback in &found.fallbacks {
@@ -66,10 +70,14 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
                 format!("{stem}.without-{without}.envelope.json"),
             ),
         };
-        block += &format!(
-            "\n# Where {without} is lost; held out: mean range {:.1} µm, worst {:.1} µm.\n",
-            means.mean_range_um, means.worst_range_um
-        );
+        block += &format!("\n# Where {without} is lost");
+        if !found.runs.is_empty() {
+            block += &format!(
+                "; held out: mean range {:.1} µm, worst {:.1} µm",
+                means.mean_range_um, means.worst_range_um
+            );
+        }
+        block += ".\n";
         let name = format!("{} without {without}", fallback.method);
         block += &model(&name, body, fallback.region.as_ref(), file);
         block += &expected(fallback.expected.as_ref());
@@ -85,7 +93,8 @@ fn beside(found: &Identified, stem: &str, files: &mut Vec<(String, String)>) -> 
         keys += &format!("{key} = {}\n", json!(name));
         files.push((name, format!("{content:#}\n")));
     };
-    if let Learned::Mean { halves, .. } = &found.learned {
+    // How far they agree counts outside the envelope.
+    if let (Learned::Mean { halves, .. }, Some(_)) = (&found.learned, &found.region) {
         let half = |(term, [ridge, net]): (&TermFound, &[f64; 2])| json!({ "signal": term.signal, "lag_s": term.lag_s, "ridge": ridge, "net": net });
         let terms: Vec<Value> = found.terms.iter().zip(halves).map(half).collect();
         file("halves", "halves", json!({ "format": "isotherm-halves", "version": 1, "terms": terms }));
@@ -173,7 +182,7 @@ fn listed(term: &TermFound) -> String {
         Duration::ZERO => String::new(),
         lag => format!(", lag = \"{}\"", format_duration(lag)),
     };
-    let error = if term.se > 0.0 { format!("   # ± {}", short(term.se)) } else { String::new() };
+    let error = term.se.map_or_else(String::new, |se| format!("   # ± {}", short(se)));
     let power = if term.squared { ", power = 2" } else { "" };
     let reference = if term.is_speed { "0.0" } else { "\"start\"" };
     format!(

@@ -32,21 +32,20 @@ struct Term {
     power: Option<u8>,
 }
 
-/// The terms of the first model of this axis that has some; of the only axis where none is named.
-pub(super) fn terms(path: &Path, axis: Option<&str>) -> anyhow::Result<Vec<PriorTerm>> {
+/// The terms of the first model of this axis that has some.
+pub(super) fn terms(path: &Path, axis: &str) -> anyhow::Result<Vec<PriorTerm>> {
     let shown = path.display();
     let text = std::fs::read_to_string(path).with_context(|| format!("{shown} cannot be read"))?;
     let file: File = toml::from_str(&text)
         .map_err(|why| anyhow!("{shown} has no [[axis.…model]] with terms of `signal` and `gain`: {why}"))?;
-    let named = file.axis.iter().filter(|(name, _)| axis.is_none_or(|axis| axis == name.as_str()));
-    let found = named.flat_map(|(_, axis)| &axis.model).find(|model| !model.terms.is_empty());
+    let found = file.axis.get(axis).and_then(|axis| axis.model.iter().find(|model| !model.terms.is_empty()));
     let model = found.ok_or_else(|| {
-        let axis = axis.map_or_else(|| "an axis".to_owned(), |axis| format!("axis {axis}"));
-        anyhow!("{shown} has no linear model of {axis}; --prior wants one that was written with --write")
+        anyhow!("{shown} has no linear model of axis {axis}; --prior wants one that was written with --write")
     })?;
     let term = |term: &Term| {
         let lag = term.lag.as_deref().map(humantime::parse_duration).transpose();
         let lag = lag.with_context(|| format!("{shown}: the lag of {} is no time", term.signal))?;
+        let lag = lag.filter(|lag| !lag.is_zero());
         let squared = term.power == Some(2);
         Ok(PriorTerm { signal: term.signal.clone(), lag, squared, gain: term.gain })
     };

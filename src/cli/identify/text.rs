@@ -39,20 +39,22 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
     if let Some(network) = &found.network {
         writeln!(out, "\n  Cz = −e, by a {network}")?;
     }
-    let mut terms: Vec<_> = found.terms.iter().collect();
-    terms.sort_by(|one, other| other.gain.abs().total_cmp(&one.gain.abs()));
+    let terms = found.by_size();
     let width = terms.iter().map(|term| term.signal.chars().count()).max().unwrap_or(0);
     for term in terms.iter().take(MOST_TERMS) {
         let lag = match term.lag_s {
             lag if lag > 0.0 => format!("lag {}", humantime::format_duration(Duration::from_secs_f64(lag))),
             _ => "at once".to_owned(),
         };
-        // Per rpm², that is.
-        let (gain, se) = match term.gain.abs() {
-            size if size < 1e-3 => (format!("{:+10.2e}", term.gain), format!("{:<8.2e}", term.se)),
-            _ => (format!("{:+10.4}", term.gain), format!("{:<8.4}", term.se)),
+        // Four decimals would show nothing of a gain per rpm².
+        let is_tiny = term.gain.abs() < 1e-3;
+        let gain = if is_tiny { format!("{:+10.2e}", term.gain) } else { format!("{:+10.4}", term.gain) };
+        let se = match term.se {
+            None => "–".to_owned(),
+            Some(se) if is_tiny => format!("{se:.2e}"),
+            Some(se) => format!("{se:.4}"),
         };
-        writeln!(out, "    {gain} ± {se} {:7}  {:width$}  {lag}", term.unit, term.signal)?;
+        writeln!(out, "    {gain} ± {se:8} {:7}  {:width$}  {lag}", term.unit, term.signal)?;
     }
     if terms.len() > MOST_TERMS {
         writeln!(out, "    … and {} smaller ones", terms.len() - MOST_TERMS)?;
@@ -104,8 +106,8 @@ fn held_out(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     if let Some(q) = found.probe_q {
         writeln!(out, "  for the axis's probe: q = {q:.2} µm²/h")?;
     }
-    if !found.outside_runs.is_empty() {
-        writeln!(out, "  left worse than without compensation: {}", found.outside_runs.join(", "))?;
+    if !found.worse_runs.is_empty() {
+        writeln!(out, "  left worse than without compensation: {}", found.worse_runs.join(", "))?;
     }
     Ok(())
 }
@@ -116,11 +118,14 @@ fn lost(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     let virtually = virtually.map(|own| (&own.signal, "its value from the others".to_owned(), own.means));
     let models = found.fallbacks.iter().map(|own| (&own.without, own.kind(), own.means));
     for (signal, kind, means) in virtually.chain(models) {
-        writeln!(
-            out,
-            "  without {signal} ({kind}): mean range {:.2} µm, worst {:.2} µm",
-            means.mean_range_um, means.worst_range_um
-        )?;
+        match found.runs.is_empty() {
+            true => writeln!(out, "  without {signal}: {kind}")?,
+            false => writeln!(
+                out,
+                "  without {signal} ({kind}): mean range {:.2} µm, worst {:.2} µm",
+                means.mean_range_um, means.worst_range_um
+            )?,
+        }
     }
     for signal in &found.irreplaceable {
         writeln!(out, "  no other sensor can stand in for {signal}: keep a spare")?;

@@ -44,19 +44,22 @@ impl Fallback {
     }
 }
 
-/// For the loss of each input, the best first.
+/// For the loss of each input of the model, the best first; made of no other inputs than those of `among`.
 pub(super) fn fallbacks(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,
     settings: &Settings,
-    inputs: &[usize],
+    (among, inputs): (&[usize], &[usize]),
     learned: &Learned,
     held_out: &[HeldOut],
 ) -> Result<Vec<Fallback>, String> {
     let own = Settings { method: settings.method.stand_in(), ..settings.clone() };
+    // Of one run, which judges nothing, no more than a speed is done without: it may not be there at all.
+    let is_wanted = |input: &usize| !held_out.is_empty() || campaign.inputs[*input].is_speed();
+    let lost: Vec<usize> = inputs.iter().copied().filter(is_wanted).collect();
     let mut found = match own.method {
-        method if method == settings.method => without_each(campaign, learner, &own, inputs),
-        method => without_each(campaign, method.prepare(campaign, &own)?.as_ref(), &own, inputs),
+        method if method == settings.method => without_each(campaign, learner, &own, among, &lost),
+        method => without_each(campaign, method.prepare(campaign, &own)?.as_ref(), &own, among, &lost),
     };
     if settings.method == Method::Difference {
         found.extend(alone(campaign, learner.bank(), learned, held_out));
@@ -70,24 +73,30 @@ fn without_each(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,
     settings: &Settings,
-    inputs: &[usize],
+    among: &[usize],
+    lost: &[usize],
 ) -> Vec<Fallback> {
     let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
     let without = |lost: &usize| {
-        let learned = learner.learn(&runs, &[*lost]).ok()?;
+        let is_out = |input: &usize| input == lost || !among.contains(input);
+        let out: Vec<usize> = (0..campaign.inputs.len()).filter(is_out).collect();
+        let learned = learner.learn(&runs, &out).ok()?;
         let gains = learned.sum().filter(|gains| !gains.is_empty())?;
-        let held = leave_one_run_out(campaign, learner, settings, &[*lost], None, &|_, _| {}).ok()?;
+        let held = match runs.len() {
+            1 => Vec::new(),
+            _ => leave_one_run_out(campaign, learner, settings, &out, None, &|_, _| {}).ok()?,
+        };
         Some(Fallback {
             without: campaign.inputs[*lost].name.clone(),
             method: settings.method.name(),
             alone: None,
-            terms: terms_of(campaign, gains),
+            terms: terms_of(campaign, learner.bank(), gains),
             region: Region::of(campaign, learner.bank(), &learned.inputs()),
             expected: expected(&held),
             means: Means::of(held.iter().map(|held| &held.score)),
         })
     };
-    inputs.iter().filter_map(without).collect()
+    lost.iter().filter_map(without).collect()
 }
 
 /// Where a sensor is lost, its virtual sensor takes its place if no model without it leaves less; else that model does.

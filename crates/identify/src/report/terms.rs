@@ -32,24 +32,25 @@ pub(super) fn terms(found: &Identified) -> Markup {
     if gains.is_empty() {
         return html! { h2 { "The model" } p { "No term: the machine is left as it is." } };
     }
-    let mut order: Vec<&TermFound> = found.terms.iter().collect();
-    order.sort_by(|one, other| other.gain.abs().total_cmp(&one.gain.abs()));
+    let order = found.by_size();
     let bar = |term: &&TermFound| Bar {
-        name: format!("{}, {}", term.signal, lag(term)),
+        name: format!("{}, {}", named(term), lag(term)),
         value: term.gain,
-        doubt: term.se,
-        figure: format!("{} ± {}", three_digits(term.gain), three_digits(term.se)),
+        doubt: term.se.unwrap_or_default(),
+        figure: format!("{} ± {}", three_digits(term.gain), optional(term.se, three_digits)),
         ..Bar::default()
     };
-    let of_kind = |slope: bool| -> Vec<Bar> {
-        order.iter().filter(|term| term.slope == slope).take(MOST_BARS).map(bar).collect()
+    let shown = &order[..order.len().min(MOST_BARS)];
+    let of_unit = |unit: &&str| -> (String, Vec<Bar>) {
+        let own = shown.iter().filter(|term| term.unit == **unit);
+        (format!("Terms, {unit}"), own.map(bar).collect())
     };
-    let (plain, slopes) = (of_kind(false), of_kind(true));
+    let units = units(shown);
     let cells = |term: &TermFound| {
         [
             lag(term),
             three_digits(term.gain),
-            three_digits(term.se),
+            optional(term.se, three_digits),
             term.unit.clone(),
             // Beyond a thousand it only says that the term cannot be told from the others.
             optional(
@@ -58,21 +59,21 @@ pub(super) fn terms(found: &Identified) -> Markup {
             ),
         ]
     };
-    let rows = html! { @for term in &order { (row(&term.signal, cells(term))) } };
+    let rows = html! { @for term in &order { (row(&named(term), cells(term))) } };
     html! {
         h2 { "The model" }
         p {
-            "Cz = −e is the sum of these: each the rise of a sensor since the start of the run, in its unit, through a lag with this \
-             time constant, times its gain. The whisker is one standard error to either side."
+            "Cz = −e is the sum of these: each the rise of a sensor since the start of the run, or a speed or its square, in its \
+             unit, through a lag with this time constant, times its gain. Those that come to most in µm are first. The whisker is \
+             one standard error to either side."
         }
         div .gallery {
-            (figure("Terms", &chart::bars("gains with their standard errors", &plain), &format!("{} ± standard error", units(&order, false))))
-            @if !slopes.is_empty() {
-                (figure("Terms of the slope", &chart::bars("gains of the slope with their standard errors", &slopes), &format!("{} ± standard error", units(&order, true))))
+            @for (title, bars) in units.iter().map(of_unit) {
+                (figure(&title, &chart::bars("gains with their standard errors", &bars), "± standard error"))
             }
             (at_rest(&found.terms))
         }
-        @if order.len() > MOST_BARS { p .quiet { "The " (MOST_BARS) " largest of " (order.len()) " terms." } }
+        @if order.len() > shown.len() { p .quiet { "The " (MOST_BARS) " largest of " (order.len()) " terms." } }
         details open[order.len() <= MOST_BARS] {
             summary { "All " (order.len()) " terms in figures" }
             (table(&["sensor", "time constant τ", "gain", "standard error", "unit", "variance inflation"], &rows))
@@ -87,20 +88,25 @@ pub(super) fn terms(found: &Identified) -> Markup {
     }
 }
 
-/// The units of these gains.
-fn units(terms: &[&TermFound], slope: bool) -> String {
-    let mut units: Vec<&str> =
-        terms.iter().filter(|term| term.slope == slope).map(|term| term.unit.as_str()).collect();
+/// The units of these gains, each once.
+fn units<'a>(terms: &[&'a TermFound]) -> Vec<&'a str> {
+    let mut units: Vec<&str> = terms.iter().map(|term| term.unit.as_str()).collect();
     units.sort_unstable();
     units.dedup();
-    units.join(", ")
+    units
 }
 
-/// What a sensor does once all its lags have come to rest: the sum of its gains.
+/// The signal, or its square.
+fn named(term: &TermFound) -> String {
+    format!("{}{}", term.signal, if term.squared { "²" } else { "" })
+}
+
+/// What a signal does once all its lags have come to rest: the sum of its gains. A chart for each unit.
 fn at_rest(terms: &[TermFound]) -> Markup {
     let mut sums: Vec<(&TermFound, f64)> = Vec::new();
     for term in terms.iter().filter(|term| !term.slope) {
-        match sums.iter_mut().find(|(first, _)| first.signal == term.signal) {
+        let is_same = |first: &TermFound| (&first.signal, first.squared) == (&term.signal, term.squared);
+        match sums.iter_mut().find(|(first, _)| is_same(first)) {
             Some((_, sum)) => *sum += term.gain,
             None => sums.push((term, term.gain)),
         }
@@ -111,17 +117,23 @@ fn at_rest(terms: &[TermFound]) -> Markup {
     }
     sums.sort_by(|one, other| other.1.abs().total_cmp(&one.1.abs()));
     let bar = |(term, sum): &(&TermFound, f64)| Bar {
-        name: term.signal.clone(),
+        name: named(term),
         value: *sum,
         figure: format!("{} {}", three_digits(*sum), term.unit),
         ..Bar::default()
     };
-    let bars: Vec<Bar> = sums.iter().map(bar).collect();
-    figure(
-        "Each sensor at rest",
-        &chart::bars("sum of the gains of each sensor", &bars),
-        "The sum of a sensor's gains: what one degree does in the end, all its lags over.",
-    )
+    let of_unit =
+        |unit: &&str| -> Vec<Bar> { sums.iter().filter(|(term, _)| term.unit == **unit).map(bar).collect() };
+    let units = units(&sums.iter().map(|(term, _)| *term).collect::<Vec<_>>());
+    html! {
+        @for bars in units.iter().map(of_unit) {
+            (figure(
+                "Each sensor at rest",
+                &chart::bars("sum of the gains of each sensor", &bars),
+                "The sum of a sensor's gains: what one unit of it does in the end, all its lags over.",
+            ))
+        }
+    }
 }
 
 fn lag(term: &TermFound) -> String {
@@ -144,7 +156,7 @@ pub(super) fn stand_ins(found: &Identified) -> Markup {
     };
     let used = found.stand_ins.iter().filter(|stand_in| stand_in.stands_in).map(of_sensor);
     let mut lost: Vec<(String, Means, String)> = used.chain(found.fallbacks.iter().map(of_model)).collect();
-    if lost.is_empty() {
+    if lost.is_empty() || found.runs.is_empty() {
         return html! {};
     }
     lost.sort_by(|one, other| other.1.mean_range_um.total_cmp(&one.1.mean_range_um));
@@ -222,8 +234,8 @@ pub(super) fn expected(found: &Identified) -> Markup {
             "Inside one and two times what the other runs let expect: "
             (shares.map(|(run, inside)| format!("{} {} and {} %", run.name, decimals(100.0 * inside.inside_1, 0), decimals(100.0 * inside.inside_2, 0))).collect::<Vec<_>>().join("; ")) "."
         }
-        @if !found.outside_runs.is_empty() {
-            p { "Left worse than without compensation: " strong { (found.outside_runs.join(", ")) } "." }
+        @if !found.worse_runs.is_empty() {
+            p { "Left worse than without compensation: " strong { (found.worse_runs.join(", ")) } "." }
         }
         @if let Some(q) = found.probe_q {
             p { "What it leaves wanders by " (three_digits(q)) " µm² an hour: " code { "q = " (three_digits(q)) } " belongs to the axis's probe, if it has one." }

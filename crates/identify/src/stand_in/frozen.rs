@@ -32,9 +32,10 @@ pub struct Frozen {
 /// other runs alone.
 pub fn frozen(ready: &Ready<'_>, held_out: &[HeldOut], seed: u64) -> Vec<Frozen> {
     let campaign = &ready.campaign;
-    let others = Others::new(campaign);
+    let others = Others::new(campaign, &campaign.sensors());
     let mut chance = rand_pcg::Pcg64::seed_from_u64(seed);
-    let inputs = held_out.first().map(|held| held.learned.inputs()).unwrap_or_default();
+    let mut inputs = held_out.first().map(|held| held.learned.inputs()).unwrap_or_default();
+    inputs.retain(|input| others.sensors.contains(input));
     let pairs = (0..held_out.len()).flat_map(|run| inputs.iter().map(move |sensor| (run, *sensor)));
     let pairs: Vec<(usize, usize, f64)> =
         pairs.map(|(run, sensor)| (run, sensor, chance.random_range(0.05..0.9))).collect();
