@@ -1,5 +1,5 @@
 //! Terms that do nothing go: as long as what goes never comes to more than half a count of the register, on any row of any
-//! run, nobody can tell.
+//! run, nobody can tell. Nor may the halves of a mean come to disagree by more: that they do says how far it is believed.
 
 use crate::bank::{Bank, Candidate};
 use crate::learn::Learned;
@@ -7,7 +7,11 @@ use crate::learn::Learned;
 /// Without the smallest terms, which together never exceed so many µm.
 pub(crate) fn lean(learned: Learned, bank: &Bank, most: f64) -> Learned {
     let Some(gains) = learned.sum() else { return learned };
-    let Some(keeps) = kept(gains, bank, most) else { return learned };
+    let apart = match &learned {
+        Learned::Mean { halves, .. } => halves.iter().map(|[ridge, net]| ridge - net).collect(),
+        _ => Vec::new(),
+    };
+    let Some(keeps) = kept(gains, &apart, bank, most) else { return learned };
     let keep = |place: &usize| keeps[*place];
     let places = || (0..keeps.len()).filter(keep);
     match learned {
@@ -20,17 +24,21 @@ pub(crate) fn lean(learned: Learned, bank: &Bank, most: f64) -> Learned {
     }
 }
 
-/// By term, whether it stays; `None` where a column is not in the bank.
-fn kept(gains: &[(Candidate, f64)], bank: &Bank, most: f64) -> Option<Vec<bool>> {
+/// By term, whether it stays; `None` where a column is not in the bank. `apart`: by how much its halves differ, if it has some.
+fn kept(gains: &[(Candidate, f64)], apart: &[f64], bank: &Bank, most: f64) -> Option<Vec<bool>> {
     let columns: Vec<usize> =
         gains.iter().map(|(candidate, _)| bank.column(candidate)).collect::<Option<_>>()?;
-    let parts: Vec<Vec<f64>> = (columns.iter().zip(gains))
-        .map(|(column, (_, gain))| bank.rises(*column).iter().map(|rise| gain * rise).collect())
-        .collect();
+    // What a term adds to Cz on each row, and then to what the halves differ by.
+    let part = |(place, column): (usize, &usize)| -> Vec<f64> {
+        let rises = bank.rises(*column);
+        let gains = [Some(&gains[place].1), apart.get(place)];
+        gains.into_iter().flatten().flat_map(|gain| rises.iter().map(move |rise| gain * rise)).collect()
+    };
+    let parts: Vec<Vec<f64>> = columns.iter().enumerate().map(part).collect();
     let largest = |part: &Vec<f64>| part.iter().fold(0.0_f64, |largest, part| largest.max(part.abs()));
     let mut order: Vec<(f64, usize)> = parts.iter().map(largest).zip(0..).collect();
     order.sort_by(|one, other| one.0.total_cmp(&other.0));
-    let mut gone: Vec<f64> = vec![0.0; bank.runs.iter().map(|run| run.target.len()).sum()];
+    let mut gone: Vec<f64> = vec![0.0; parts.first().map_or(0, Vec::len)];
     let mut keeps = vec![true; gains.len()];
     for (_, place) in order.into_iter().take_while(|(largest, _)| *largest <= 2.0 * most) {
         let with: Vec<f64> = gone.iter().zip(&parts[place]).map(|(gone, part)| gone + part).collect();
@@ -48,20 +56,34 @@ mod tests {
     use super::*;
     use crate::bank::Traced;
 
-    #[test]
-    fn what_goes_never_comes_to_more_than_was_allowed_on_any_row_and_takes_its_halves_along() {
-        let candidates: Vec<Candidate> = (0..4).map(|input| Candidate::new(input, None)).collect();
-        let rises = DMatrix::from_row_slice(2, 4, &[1.0, 1.0, 1.0, 1.0, 10.0, -1.0, 1.0, 0.5]);
+    fn bank(rises: DMatrix<f64>) -> Bank {
+        let (rows, inputs) = rises.shape();
+        let candidates = (0..inputs).map(|input| Candidate::new(input, None)).collect();
         let run = Traced {
             name: "day".to_owned(),
-            windows: vec![0, 1],
-            seconds: vec![0.0, 60.0],
-            target: DVector::zeros(2),
+            windows: (0..).take(rows).collect(),
+            seconds: vec![0.0; rows],
+            target: DVector::zeros(rows),
             rises,
         };
-        let bank = Bank { candidates: candidates.clone(), is_speed: vec![false; 4], runs: vec![run] };
-        let gains: Vec<(Candidate, f64)> = candidates.into_iter().zip([1.0, 0.03, 0.04, 0.02]).collect();
-        let halves = gains.iter().map(|(_, gain)| [gain - 1.0, gain + 1.0]).collect();
+        Bank { candidates, is_speed: vec![false; inputs], runs: vec![run] }
+    }
+
+    #[test]
+    fn a_term_about_which_the_halves_disagree_stays_though_their_mean_is_nothing() {
+        let bank = bank(DMatrix::from_row_slice(1, 2, &[1.0, 1.0]));
+        let gains = bank.candidates.iter().map(|candidate| (*candidate, 0.0)).collect();
+        let lean = lean(Learned::Mean { gains, halves: vec![[0.5, -0.5], [0.01, -0.01]] }, &bank, 0.05);
+        let Learned::Mean { gains, halves } = lean else { panic!("it has halves") };
+        assert_eq!((gains.len(), halves), (1, vec![[0.5, -0.5]]));
+    }
+
+    #[test]
+    fn what_goes_never_comes_to_more_than_was_allowed_on_any_row_and_takes_its_halves_along() {
+        let bank = bank(DMatrix::from_row_slice(2, 4, &[1.0, 1.0, 1.0, 1.0, 10.0, -1.0, 1.0, 0.5]));
+        let gains: Vec<(Candidate, f64)> =
+            bank.candidates.iter().copied().zip([1.0, 0.03, 0.04, 0.02]).collect();
+        let halves = gains.iter().map(|(_, gain)| [0.9 * gain, 1.1 * gain]).collect();
         let left = |most: f64| match lean(
             Learned::Mean { gains: gains.clone(), halves: Vec::clone(&halves) },
             &bank,
@@ -69,7 +91,7 @@ mod tests {
         ) {
             Learned::Mean { gains, halves } => {
                 assert!(
-                    gains.iter().zip(&halves).all(|(own, [ridge, _])| (own.1 - ridge - 1.0).abs() < 1e-12)
+                    gains.iter().zip(&halves).all(|(own, [ridge, _])| (0.9 * own.1 - ridge).abs() < 1e-12)
                 );
                 gains.iter().map(|(candidate, _)| candidate.input).collect::<Vec<usize>>()
             }
