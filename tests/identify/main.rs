@@ -10,6 +10,7 @@ mod faulty;
 mod gaps;
 mod lost;
 mod position;
+mod prior;
 mod recovered;
 mod rig;
 mod runs;

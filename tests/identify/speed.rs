@@ -1,7 +1,8 @@
 //! The speed of a spindle as an input.
 
+use isotherm::cli::replay::replay;
 use isotherm_core::compensation::model::Outside;
-use isotherm_identify::method::Settings;
+use isotherm_identify::method::{Method, Settings};
 use isotherm_identify::setup::{Choice, ready};
 use isotherm_identify::written::written;
 use isotherm_identify::{Identified, identify};
@@ -67,7 +68,7 @@ fn chosen(logs: &[String], choice: &Choice, settings: &Settings) -> Identified {
 }
 
 /// With the speed as an input.
-fn by(logs: &[String], settings: &Settings) -> Identified {
+pub(crate) fn by(logs: &[String], settings: &Settings) -> Identified {
     chosen(logs, &Choice { speeds: true, ..rig::choice() }, settings)
 }
 
@@ -116,6 +117,16 @@ fn inputs_that_are_named_leave_a_speed_out_and_say_so() {
 }
 
 #[test]
+fn a_network_takes_no_speed() {
+    let inputs = vec!["s0".to_owned(), "rpm".to_owned()];
+    let (profile, dataset) = (profile(), dataset(&logs(3)).unwrap());
+    let ready = ready(&profile, &dataset, &Choice { inputs, ..rig::choice() }).unwrap();
+    let settings = Settings { method: Method::Rbf, ..Settings::default() };
+    let why = identify(&ready, &settings, None, false, &|_, _| {}).unwrap_err();
+    assert!(why.contains("rbf") && why.contains("rpm is a speed"), "{why}");
+}
+
+#[test]
 fn of_one_run_a_model_without_the_speed_is_written_too() {
     let found = found(&logs(1));
     assert_eq!(found.fallbacks.iter().map(|own| own.without.as_str()).collect::<Vec<_>>(), ["rpm"]);
@@ -124,4 +135,29 @@ fn of_one_run_a_model_without_the_speed_is_written_too() {
     let block = written(&found, "z", Outside::Agree);
     assert!(block.block.contains("\n# Where rpm is lost.\n"), "{}", block.block);
     rig::pasted(&profile_with(&block.block), &block.files);
+}
+
+#[test]
+fn a_block_with_a_speed_replayed_over_a_day_it_never_saw_leaves_what_cross_validation_left() {
+    let logs = logs(5);
+    let held = found(&logs).held_out.remove(4);
+    let block = written(&found(&logs[..4]), "z", Outside::Warn);
+    assert!(block.block.contains("power = 2"), "{}", block.block);
+    let profile = rig::pasted(&profile_with(&block.block), &block.files);
+    let mut out = Vec::new();
+    replay(&profile, logs[4].as_bytes(), "last.csv", Some(&mut out)).unwrap();
+    let mut table = csv::Reader::from_reader(out.as_slice());
+    let heads = table.headers().unwrap().clone();
+    let at = |name: &str| heads.iter().position(|head| head == name).unwrap();
+    let (time, raw) = (at("time"), at("z_raw_um"));
+    let rows = table.records().map(Result::unwrap).filter(|row| !row[raw].is_empty());
+    let cz: Vec<(f64, f64)> =
+        rows.map(|row| (row[time].parse().unwrap(), row[raw].parse().unwrap())).collect();
+    let mut compared = 0;
+    for (second, wanted) in held.seconds.iter().zip(&held.cz) {
+        let Some((_, cz)) = cz.iter().find(|(time, _)| (time - second).abs() < 1.0) else { continue };
+        assert!((cz - wanted).abs() < 0.05, "after {second} s: {cz} µm, and {wanted} µm held out");
+        compared += 1;
+    }
+    assert!(compared > 400, "{compared} rows");
 }

@@ -82,8 +82,12 @@ impl Candidate {
 
 impl Bank {
     /// Every temperature through these lags; every speed and its square through those that are none at once: a spindle
-    /// warms nothing at once.
-    pub(crate) fn with_speeds(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Bank {
+    /// warms nothing at once. And what else there is to be.
+    pub(crate) fn with_speeds(
+        campaign: &Campaign<'_>,
+        lags: &[Option<Duration>],
+        beside: impl Iterator<Item = Candidate>,
+    ) -> Bank {
         let of_input = |input: usize| {
             let own = lags.iter().map(move |lag| Candidate::new(input, *lag));
             if !campaign.inputs[input].is_speed() {
@@ -92,7 +96,13 @@ impl Bank {
             let late = own.filter(|candidate| candidate.lag.is_some());
             late.flat_map(|plain| [plain, Candidate { squared: true, ..plain }]).collect()
         };
-        Bank::new(campaign, (0..campaign.inputs.len()).flat_map(of_input).collect())
+        let mut candidates: Vec<Candidate> = (0..campaign.inputs.len()).flat_map(of_input).collect();
+        for more in beside {
+            if !candidates.contains(&more) {
+                candidates.push(more);
+            }
+        }
+        Bank::new(campaign, candidates)
     }
 
     /// These inputs through these lags.

@@ -150,6 +150,7 @@ pub fn identify(
     is_whole: bool,
     progress: Progress<'_>,
 ) -> Result<Identified, String> {
+    settings.check()?;
     let campaign = &ready.campaign;
     let learner = settings.method.prepare(campaign, settings)?;
     let (learner, bank) = (learner.as_ref(), learner.bank());

@@ -112,6 +112,44 @@ impl Default for Settings {
     }
 }
 
+impl Settings {
+    /// Nothing is asked for that the method makes nothing of.
+    ///
+    /// # Errors
+    /// A sentence that names the option and the method.
+    pub(crate) fn check(&self) -> Result<(), String> {
+        use Method::{Lag, Network, Position, Rbf, RidgeLag, SparseLag, Stepwise, TwoSource, Whitened};
+        let sources = [&self.waiting, &self.first, &self.second];
+        let options: [(&str, bool, &[Method]); 5] = [
+            ("--terms", self.terms.is_some(), &[SparseLag, Stepwise, Lag, Position]),
+            ("--sensors", self.sensors.is_some(), &[Whitened]),
+            ("--prior", self.prior.is_some(), &[Whitened]),
+            (
+                "--lags",
+                !self.lags.is_empty(),
+                &[Whitened, SparseLag, RidgeLag, Stepwise, Lag, Position, Rbf, Network],
+            ),
+            ("--waiting, --first, --second", sources.iter().any(|names| !names.is_empty()), &[TwoSource]),
+        ];
+        if let Some((option, _, takers)) =
+            options.iter().find(|(_, asked, takers)| *asked && !takers.contains(&self.method))
+        {
+            let takers: Vec<&str> = takers.iter().map(|method| method.name()).collect();
+            return Err(format!(
+                "--method {} makes nothing of {option}: leave it out, or take {}",
+                self.method,
+                takers.join(", ")
+            ));
+        }
+        if self.sensors.is_some() && self.prior.is_some() {
+            return Err(
+                "--sensors chooses sensors anew, and --prior has its own: name one of the two".to_owned()
+            );
+        }
+        Ok(())
+    }
+}
+
 impl Method {
     /// Every method, its word on the command line and in JSON, and what it does.
     pub const ALL: [(Method, &'static str, &'static str); 12] = [
@@ -194,7 +232,7 @@ impl Method {
         let (bank, rule): (Bank, Rule) = match self {
             Method::Lag => return Ok(Box::new(lag::Lagging::new(campaign, lagged(), terms))),
             Method::Whitened => {
-                return Ok(Box::new(whitened::Whitening::new(campaign, &lags, settings)));
+                return Ok(Box::new(whitened::Whitening::new(campaign, &lags, settings)?));
             }
             Method::Rbf => return Ok(Box::new(trained(Shape::Radial(centres))?)),
             Method::Network => return Ok(Box::new(trained(Shape::Neurons(neurons))?)),

@@ -101,6 +101,12 @@ fn least(folds: &[Fold<'_>], costs: impl Fn(&Fold<'_>) -> Vec<f64> + Sync + Send
 
 impl Trained {
     pub(super) fn new(campaign: &Campaign<'_>, settings: &Settings, shape: Shape) -> Result<Trained, String> {
+        if let Some(speed) = campaign.inputs.iter().find(|input| input.is_speed()) {
+            return Err(format!(
+                "{} takes temperatures, as rises since the start, and {} is a speed: leave it out of --inputs",
+                settings.method, speed.name
+            ));
+        }
         let lags = match settings.lags.as_slice() {
             [] => LAGS_MIN.iter().map(|minutes| Some(Duration::from_secs(minutes * 60))).collect(),
             named => named.to_vec(),

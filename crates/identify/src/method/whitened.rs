@@ -45,8 +45,8 @@ pub(super) struct Whitening {
     products: Products,
     /// Where a few sensors are to be chosen: how many, and how.
     few: Option<(usize, Forward)>,
-    /// By column of the bank: the gains of a model that exists, towards which is learnt.
-    prior: Option<Vec<f64>>,
+    /// A model that exists, towards which is learnt.
+    prior: Option<Vec<(Candidate, f64)>>,
 }
 
 /// What was found, by column: of the mean, and where there are two halves, of the ridge and the net.
@@ -56,21 +56,38 @@ pub(crate) struct Fitted {
 }
 
 impl Whitening {
-    pub(super) fn new(campaign: &Campaign<'_>, lags: &[Option<Duration>], settings: &Settings) -> Whitening {
-        let bank = Bank::with_speeds(campaign, lags);
+    pub(super) fn new(
+        campaign: &Campaign<'_>,
+        lags: &[Option<Duration>],
+        settings: &Settings,
+    ) -> Result<Whitening, String> {
+        let prior = settings.prior.as_ref().map(|prior| known(campaign, prior)).transpose()?;
+        let beside = prior.iter().flatten().map(|(candidate, _)| *candidate);
+        let bank = Bank::with_speeds(campaign, lags, beside);
         let products = Products::of(&bank);
         let few = settings.sensors.map(|most| (most, Forward::new(campaign)));
-        let known = |candidate: &Candidate, prior: &[PriorTerm]| {
-            let name = &campaign.inputs[candidate.input].name;
-            let same = |term: &&PriorTerm| {
-                (&term.signal, term.lag, term.squared) == (name, candidate.lag, candidate.squared)
-            };
-            prior.iter().filter(same).map(|term| term.gain).sum()
-        };
-        let prior = settings.prior.as_ref();
-        let prior = prior.map(|prior| bank.candidates.iter().map(|own| known(own, prior)).collect());
-        Whitening { bank, products, few, prior }
+        Ok(Whitening { bank, products, few, prior })
     }
+}
+
+/// The terms of a model that exists.
+fn known(campaign: &Campaign<'_>, prior: &[PriorTerm]) -> Result<Vec<(Candidate, f64)>, String> {
+    let input = |term: &PriorTerm| campaign.inputs.iter().position(|input| input.name == term.signal);
+    let mut foreign: Vec<&str> =
+        prior.iter().filter(|term| input(term).is_none()).map(|term| term.signal.as_str()).collect();
+    foreign.dedup();
+    if !foreign.is_empty() {
+        return Err(format!(
+            "the model of --prior has terms of {}, of which there is no input here: give the signals their names in it, or take \
+             these terms out of it",
+            foreign.join(", ")
+        ));
+    }
+    let candidate = |term: &PriorTerm| {
+        let plain = Candidate::new(input(term)?, term.lag);
+        Some((Candidate { squared: term.squared, ..plain }, term.gain))
+    };
+    Ok(prior.iter().filter_map(candidate).collect())
 }
 
 impl Learner for Whitening {
@@ -90,8 +107,12 @@ impl Learner for Whitening {
         let fitted = match &self.prior {
             None => fit(&self.products, runs, &columns, &self.bank),
             Some(prior) => {
-                let prior = columns.iter().map(|column| prior[*column]);
-                towards(&self.products, runs, &columns, &DVector::from_iterator(columns.len(), prior))
+                let gain = |column: &usize| {
+                    let same = prior.iter().filter(|(known, _)| *known == self.bank.candidates[*column]);
+                    same.map(|(_, gain)| gain).sum()
+                };
+                let prior = DVector::from_iterator(columns.len(), columns.iter().map(gain));
+                towards(&self.products, runs, &columns, &self.bank, &prior)
             }
         };
         let gains = columns.iter().zip(fitted.gains);
@@ -124,8 +145,15 @@ pub(crate) fn fit(products: &Products, runs: &[usize], columns: &[usize], bank: 
 }
 
 /// The ridge towards the gains of a model that exists instead of towards none.
-fn towards(products: &Products, runs: &[usize], columns: &[usize], prior: &DVector<f64>) -> Fitted {
-    let units = DVector::from_element(columns.len(), 1.0);
+fn towards(
+    products: &Products,
+    runs: &[usize],
+    columns: &[usize],
+    bank: &Bank,
+    prior: &DVector<f64>,
+) -> Fitted {
+    let units = units(products, runs, columns, bank);
+    let prior = &prior.component_mul(&units);
     let all = products.training(runs, columns, &units).after(prior);
     let gains = match runs.len() {
         0 => DVector::zeros(columns.len()),
@@ -139,7 +167,7 @@ fn towards(products: &Products, runs: &[usize], columns: &[usize], prior: &DVect
             ridge(&all, &products.folds(runs, columns, &units).into_iter().map(after).collect::<Vec<_>>())
         }
     };
-    Fitted { gains: (gains + prior).data.into(), halves: None }
+    Fitted { gains: (gains + prior).component_div(&units).data.into(), halves: None }
 }
 
 /// By column what it is divided by first. Speeds and their squares move by other numbers than temperatures: each kind is
