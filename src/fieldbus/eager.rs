@@ -75,11 +75,18 @@ impl AsyncRead for Eager {
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
         if self.looks() {
-            std::thread::yield_now();
             // Past tokio, which only asks the system again after its event queue has spoken.
             let mut frame = [0; LONGEST_FRAME];
             let room = frame.len().min(buffer.remaining());
-            let looked = (&*SockRef::from(&self.stream)).read(&mut frame[..room]);
+            let mut look = || (&*SockRef::from(&self.stream)).read(&mut frame[..room]);
+            // Sending may have given the other end its turn already.
+            let looked = match look() {
+                Err(error) if is_passing(&error) => {
+                    std::thread::yield_now();
+                    look()
+                }
+                looked => looked,
+            };
             match looked {
                 Err(error) if is_passing(&error) => self.in_vain = self.in_vain.saturating_add(1),
                 Err(error) => return Poll::Ready(Err(error)),
