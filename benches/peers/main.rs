@@ -1,0 +1,232 @@
+//! The gateway beside bare loops, for this machine: what of README's claim anybody can check.
+//!
+//! Each contender is a process of its own that reads eight input registers of a device, computes, and writes one; the devices
+//! live in one more process, which counts. The limit is a loop of system calls in C; beside it stand libmodbus, as its manual
+//! has it, and tokio-modbus, which check less: no quality, no model, no guard, and no echo of what was written.
+//!
+//! `cargo bench --bench peers`; the seconds of a measurement may be given. Wants a C compiler and libmodbus-dev.
+
+#![allow(clippy::unwrap_used, clippy::cast_precision_loss, reason = "a bench may stop where it stands")]
+
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+
+mod bare;
+mod devices;
+mod gateway;
+
+/// Connections and the first decisions are not counted.
+const WARM_UP: Duration = Duration::from_secs(2);
+/// Turns that the contenders of the closed loop take.
+const TURNS: usize = 5;
+
+fn main() {
+    let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
+    match words.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["devices", delay_ms] => devices::serve(Duration::from_millis(delay_ms.parse().unwrap())),
+        ["tokio-modbus", port] => bare::closed_loop(port.parse().unwrap()),
+        ["tasks", port, devices, period_ms, reads_only] => {
+            bare::fleet(port.parse().unwrap(), &Work::of(devices, period_ms, reads_only));
+        }
+        ["isotherm", port] => gateway::closed_loop(port.parse().unwrap()),
+        ["fleet", port, devices, period_ms, reads_only] => {
+            gateway::fleet(port.parse().unwrap(), &Work::of(devices, period_ms, reads_only));
+        }
+        [] => compare(10),
+        [seconds] => compare(seconds.parse().unwrap()),
+        _ => panic!("peers [SECONDS]"),
+    }
+}
+
+/// What many devices are asked for.
+struct Work {
+    devices: u16,
+    period: Duration,
+    reads_only: bool,
+}
+
+impl Work {
+    fn of(devices: &str, period_ms: &str, reads_only: &str) -> Work {
+        let period = Duration::from_millis(period_ms.parse().unwrap());
+        Work { devices: devices.parse().unwrap(), period, reads_only: reads_only == "1" }
+    }
+
+    fn words(&self) -> [String; 3] {
+        let period = self.period.as_millis().to_string();
+        [self.devices.to_string(), period, u8::from(self.reads_only).to_string()]
+    }
+}
+
+fn compare(seconds: u64) {
+    let loops = compiled();
+    let own = std::env::current_exe().unwrap();
+    let span = Duration::from_secs(seconds);
+    closed_loops(&own, &loops, span.min(Duration::from_secs(3)));
+    println!(
+        "\n{:<44}{:>12}{:>12}{:>14}{:>12}",
+        "% of a core, MB", "limit in C", "libmodbus", "tokio-modbus", "isotherm"
+    );
+    let work = |devices, period_ms, reads_only| Work {
+        devices,
+        period: Duration::from_millis(period_ms),
+        reads_only,
+    };
+    for (name, work) in [
+        ("100 devices, 10 Hz, read and write", work(100, 100, false)),
+        ("300 devices", work(300, 100, false)),
+        ("500 devices", work(500, 100, false)),
+        ("500 devices, read only", work(500, 100, true)),
+        ("1 device, 1 Hz", work(1, 1000, false)),
+    ] {
+        let figures = [(&loops, "sockets"), (&loops, "threads"), (&own, "tasks"), (&own, "fleet")].map(
+            |(program, mode)| {
+                let mut devices = Devices::start(&own, 5);
+                let contender = Contender::start(program, mode, devices.port, &work.words());
+                std::thread::sleep(WARM_UP);
+                let (before, counted) = (contender.busy(), devices.counts());
+                let begun = Clock::wall().now();
+                std::thread::sleep(span);
+                let passed = Clock::wall().now().since(begun).as_secs_f64();
+                let (core, memory) = (100.0 * (contender.busy() - before) / passed, contender.memory_mb());
+                let (reads, writes) = devices.counts();
+                let wanted = f64::from(work.devices) * passed / work.period.as_secs_f64();
+                let done = (reads - counted.0) as f64 / wanted;
+                (core, memory, done, (writes - counted.1) as f64 / wanted)
+            },
+        );
+        let cell = |(core, memory, ..): (f64, f64, f64, f64)| format!("{core:.2}, {memory:.1}");
+        let [limit, libmodbus, tokio_modbus, isotherm] = figures.map(cell);
+        println!("{name:<44}{limit:>12}{libmodbus:>12}{tokio_modbus:>14}{isotherm:>12}");
+        let shares =
+            figures.map(|(.., reads, writes)| format!("{:.1} and {:.1} %", 100.0 * reads, 100.0 * writes));
+        println!("{:<44}{}", "    reads and writes of those wanted", shares.join("; "));
+    }
+}
+
+/// Loops in a second on one processor, each contender in turn, so that the machine's mood meets all.
+fn closed_loops(own: &Path, loops: &Path, span: Duration) {
+    if let Some(cores) = core_affinity::get_core_ids() {
+        // What is started from here inherits it.
+        core_affinity::set_for_current(cores[0]);
+    }
+    let contenders = [
+        ("blocking sockets in C", loops, "ping-pong"),
+        ("two requests in one segment, in C", loops, "pipelined"),
+        ("libmodbus", loops, "libmodbus"),
+        ("tokio-modbus", own, "tokio-modbus"),
+        ("isotherm", own, "isotherm"),
+    ];
+    let mut rates = contenders.map(|_| Vec::new());
+    for _ in 0..TURNS {
+        for ((_, program, mode), rates) in contenders.iter().zip(&mut rates) {
+            let mut devices = Devices::start(own, 0);
+            let _contender = Contender::start(program, mode, devices.port, &[]);
+            std::thread::sleep(Duration::from_millis(500));
+            let (begun, counted) = (Clock::wall().now(), devices.counts());
+            std::thread::sleep(span);
+            let passed = Clock::wall().now().since(begun).as_secs_f64();
+            rates.push((devices.counts().1 - counted.1) as f64 / passed);
+        }
+    }
+    let medians = rates.map(|mut rates| {
+        rates.sort_by(f64::total_cmp);
+        rates[rates.len() / 2]
+    });
+    for ((name, ..), rate) in contenders.iter().zip(medians) {
+        println!("{name:<44}{rate:>10.0} loops/s   {:.3} of the limit", rate / medians[0]);
+    }
+    if let Some(cores) = core_affinity::get_core_ids() {
+        core_affinity::set_for_current(*cores.last().unwrap());
+    }
+}
+
+/// The loops in C, compiled.
+fn compiled() -> PathBuf {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/peers/loops.c");
+    let program = std::env::current_exe().unwrap().with_file_name("peers-loops");
+    let mut compile = Command::new("cc");
+    compile.args(["-O2", "-o"]).arg(&program).arg(source).args(["-lmodbus", "-lpthread"]);
+    let is_done = compile.status().is_ok_and(|status| status.success());
+    assert!(is_done, "a C compiler and libmodbus are wanted: apt-get install gcc libc6-dev libmodbus-dev");
+    program
+}
+
+/// The process of the devices.
+struct Devices {
+    process: Child,
+    asks: ChildStdin,
+    said: BufReader<ChildStdout>,
+    port: u16,
+}
+
+impl Devices {
+    fn start(own: &Path, delay_ms: u64) -> Devices {
+        let mut process = Command::new(own)
+            .args(["devices", &delay_ms.to_string()])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let (asks, said) = (process.stdin.take().unwrap(), process.stdout.take().unwrap());
+        let mut devices = Devices { process, asks, said: BufReader::new(said), port: 0 };
+        devices.port = devices.hears().parse().unwrap();
+        devices
+    }
+
+    fn hears(&mut self) -> String {
+        let mut line = String::new();
+        self.said.read_line(&mut line).unwrap();
+        line.trim().to_owned()
+    }
+
+    /// Reads and writes so far.
+    fn counts(&mut self) -> (u64, u64) {
+        writeln!(self.asks).unwrap();
+        let counts = self.hears();
+        let (reads, writes) = counts.split_once(' ').unwrap();
+        (reads.parse().unwrap(), writes.parse().unwrap())
+    }
+}
+
+impl Drop for Devices {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// The process of one contender.
+struct Contender(Child);
+
+impl Contender {
+    fn start(program: &Path, mode: &str, port: u16, more: &[String]) -> Contender {
+        Contender(Command::new(program).arg(mode).arg(port.to_string()).args(more).spawn().unwrap())
+    }
+
+    /// Seconds of the processor, user and system, of all its threads: those that are still there.
+    fn busy(&self) -> f64 {
+        let tasks = std::fs::read_dir(format!("/proc/{}/task", self.0.id())).unwrap();
+        let spent = |task: std::fs::DirEntry| {
+            let text = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
+            text.split_whitespace().next()?.parse::<f64>().ok()
+        };
+        1e-9 * tasks.flatten().filter_map(spent).sum::<f64>()
+    }
+
+    fn memory_mb(&self) -> f64 {
+        let text = std::fs::read_to_string(format!("/proc/{}/status", self.0.id())).unwrap();
+        let line = text.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
+        line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
+    }
+}
+
+impl Drop for Contender {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
