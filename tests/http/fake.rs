@@ -34,6 +34,8 @@ pub(crate) struct Fake {
     askers: Mutex<Vec<String>>,
     asked: AtomicUsize,
     logs: Mutex<Option<Vec<PathBuf>>>,
+    /// It hangs for as long as this is held.
+    pub(crate) disk: Mutex<()>,
 }
 
 impl Default for Fake {
@@ -45,6 +47,7 @@ impl Default for Fake {
             askers: Mutex::default(),
             asked: AtomicUsize::new(0),
             logs: Mutex::default(),
+            disk: Mutex::default(),
         }
     }
 }
@@ -87,6 +90,7 @@ impl Source for Fake {
     }
 
     fn logs(&self, _: Moment, _: Moment) -> Option<Vec<PathBuf>> {
+        drop(self.disk.lock());
         self.logs.lock().unwrap().clone()
     }
 
@@ -99,6 +103,7 @@ impl Source for Fake {
     }
 
     fn events(&self, since: Moment, found: &mut dyn FnMut(Found) -> bool) -> io::Result<()> {
+        drop(self.disk.lock());
         let mut entry = self.status.lock().unwrap().events[0].clone();
         entry.at = since.to_string();
         let _ = found(Found::Event(entry));

@@ -17,11 +17,15 @@ const PATIENCE: Duration = Duration::from_secs(30);
 
 /// The page of a machine that is not there, within these limits.
 async fn page(limits: Limits) -> SocketAddr {
+    page_of(Arc::default(), limits).await
+}
+
+async fn page_of(fake: Arc<Fake>, limits: Limits) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
     let door = Door::from(listener).within(limits);
     let admission = Admission { commands: isotherm_profile::Commands::Local, ..Admission::default() };
-    tokio::spawn(serve(door, Arc::new(Fake::default()), admission, std::future::pending()));
+    tokio::spawn(serve(door, fake, admission, std::future::pending()));
     address
 }
 
@@ -203,4 +207,33 @@ async fn a_reader_who_takes_nothing_gives_his_place_back() {
         tokio::time::sleep(Duration::from_millis(100)).await;
         waited += Duration::from_millis(100);
     }
+}
+
+#[tokio::test]
+async fn a_disk_that_hangs_keeps_nobody_else_from_the_page() {
+    let fake = Arc::<Fake>::default();
+    let page = page_of(fake.clone(), Limits::default()).await;
+    let (goes_on, waits) = std::sync::mpsc::channel::<()>();
+    let (hangs, is_hanging) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        let _disk = fake.disk.lock();
+        hangs.send(()).unwrap();
+        let _ = waits.recv();
+    });
+    is_hanging.recv().unwrap();
+    let mut hanging = Vec::new();
+    for path in ["/api/history", "/api/history.csv", "/api/events"] {
+        let mut stream = from(1, page).await;
+        let request = format!("GET {path} HTTP/1.1\r\nHost: {page}\r\n\r\n");
+        stream.write_all(request.as_bytes()).await.unwrap();
+        hanging.push(stream);
+        assert!(is_in(&mut from(2, page).await, page).await, "{path}");
+    }
+    for path in ["/api/history", "/api/history.csv", "/api/events"] {
+        let said = asks(&mut from(2, page).await, page, path).await;
+        assert!(said.starts_with("HTTP/1.1 503") && said.contains("ask again in a moment"), "{path}: {said}");
+    }
+    drop(goes_on);
+    let said = asks(&mut from(2, page).await, page, "/api/events").await;
+    assert!(said.starts_with("HTTP/1.1 200"), "{said}");
 }

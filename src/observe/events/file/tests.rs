@@ -140,3 +140,21 @@ fn those_of_a_machine_are_told_apart_from_those_of_one_whose_name_begins_alike()
     let texts: Vec<String> = last(directory.path(), "m", 10).into_iter().map(|entry| entry.text).collect();
     assert_eq!(texts, ["number 1 is kept again"]);
 }
+
+#[test]
+fn behind_the_day_in_which_no_more_is_wanted_nothing_is_read() {
+    let directory = tempfile::tempdir().unwrap();
+    for day in ["2026-01-30", DAY] {
+        let path = path(directory.path(), "m", day);
+        std::fs::write(&path, End::of_nothing(&path).line(&entry(1)).0).unwrap();
+    }
+    for (wanted, read) in [(true, 2), (false, 1)] {
+        let mut count = 0;
+        since(directory.path(), "m", Moment::default(), |_| {
+            count += 1;
+            wanted
+        })
+        .unwrap();
+        assert_eq!(count, read);
+    }
+}
