@@ -328,6 +328,9 @@ fn load_modelled(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Loa
 
 /// A profile, its warnings left to the caller.
 fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Result<Loaded> {
+    // A file that a profile names may be large.
+    #[cfg(any(feature = "identify", feature = "place"))]
+    let _checking = progress::Progress::begin("checking the profile");
     let environment = isotherm_profile::environment();
     // A shipped machine may be named without having its file.
     let shipped = path.to_str().filter(|_| !path.exists()).and_then(machines::text);

@@ -157,3 +157,16 @@ fn sixty_million_equal_rows_and_a_million_of_a_hundred_columns_are_too() {
     std::fs::remove_file(path).unwrap();
     keeps_within(&wide(&home, "large.csv", 1_000_000), 1500.0);
 }
+
+#[test]
+fn of_many_columns_of_which_none_is_the_time_some_are_named() {
+    let home = Home::new();
+    let names: Vec<String> = (0..5000).map(|column| format!("bed{column}_degC")).collect();
+    let path = home.write("columns.csv", names.join(",") + "\n1\n");
+    for verb in READERS {
+        let seen = isotherm(verb, &path);
+        seen.is_refused(size(&path), &["columns.csv", "there is no column", "…"]);
+        let longest = seen.said.lines().map(|line| line.chars().count()).max();
+        assert!(longest < Some(600), "{longest:?}: {verb:?}");
+    }
+}
