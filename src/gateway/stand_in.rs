@@ -67,3 +67,47 @@ pub(super) fn status(profile: &Profile, found: &StoodIn, stamp: impl Fn(Moment) 
         others: found.others,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gateway::log::sample;
+    use isotherm_core::compensation::{Compensation, Remembered};
+
+    #[test]
+    fn each_sensor_is_reported_for_itself_and_its_end_says_what_it_is() {
+        let profile = sample::profile();
+        let axes = vec![profile.axes[0].settings.clone()];
+        let compensation = Compensation::new(profile.machine.clone(), axes, Remembered::default());
+        let decision = compensation.decision(0).unwrap();
+        let found = |place, frozen, others| Distrusted {
+            signal: SignalId(place),
+            since: Moment::default(),
+            frozen,
+            others,
+        };
+        let mut reported = Vec::new();
+        let mut told = |found: &[Distrusted]| -> Vec<String> {
+            let mut events = Vec::new();
+            report((&profile, "z"), decision, found, &mut reported, &mut events);
+            events.iter().map(|event| event.entry(Moment::default()).text).collect()
+        };
+        let bed = found(0, true, Some(5));
+        assert_eq!(told(&[bed]), ["axis z: bed frozen for 0s, taken from 5 others"]);
+        assert_eq!(told(&[bed]), [""; 0]);
+        let both = [found(0, true, None), found(1, true, None)];
+        let nobody = "frozen for 0s, and used for nothing: nobody stands in for it";
+        assert_eq!(told(&both), [format!("axis z: bed {nobody}"), format!("axis z: wheelhead {nobody}")]);
+        assert_eq!(told(&both), [""; 0]);
+        let lost = found(1, false, None);
+        assert_eq!(
+            told(&[bed, lost]),
+            [
+                "axis z: wheelhead is not taken from others any more".to_owned(),
+                "axis z: bed frozen for 0s, taken from 5 others".to_owned()
+            ]
+        );
+        assert_eq!(told(&[lost]), ["axis z: bed is believed again"]);
+        assert_eq!(told(&[]), [""; 0], "nothing was said of a lost one that nobody stands in for");
+    }
+}

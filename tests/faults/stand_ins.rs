@@ -36,8 +36,8 @@ terms = [
     loaded.unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
-/// The wheelhead reads the same from the twentieth minute on; after an hour and a half a person looks.
-fn a_frozen_wheelhead(directory: &Path) -> Trace {
+/// The wheelhead reads the same from the twentieth minute on; what else fails, and what is commanded in which minute.
+fn a_frozen_wheelhead(directory: &Path, more: &str, commands: &[(u32, Command)]) -> Trace {
     let faults = "
         [[fault]]
         device = \"thermocouples\"
@@ -45,22 +45,44 @@ fn a_frozen_wheelhead(directory: &Path) -> Trace {
         signal = \"wheelhead\"
         value = 23.0
         at = \"20min\"
-        for_time = \"65min\"";
+        for_time = \"65min\"
+        ";
     block_on(async {
         let profile = profile(STAND_INS);
-        let faults = FaultScript::parse(faults, &profile).unwrap();
+        let faults = FaultScript::parse(&format!("{faults}{more}"), &profile).unwrap();
         let mut world = World::start(profile, faults, None).await;
         let state = Some(directory.to_owned());
         let trial = world.gateway().options(|options| options.directory = state);
-        let trial = trial.command(90 * MINUTE, Command::Disarm).command(91 * MINUTE, Command::Arm);
+        let trial =
+            commands.iter().fold(trial, |trial, (minute, command)| trial.command(*minute * MINUTE, *command));
         trial.run(100 * MINUTE).await
     })
 }
 
 #[test]
+fn an_axis_that_was_switched_off_by_itself_believes_its_frozen_sensor_no_more_than_before() {
+    let directory = tempfile::tempdir().unwrap();
+    let foreign = "
+        [[fault]]
+        device = \"cnc\"
+        kind = \"register\"
+        register = \"holding:104\"
+        words = [0, 55]
+        at = \"60min\"";
+    let trace = a_frozen_wheelhead(directory.path(), foreign, &[(62, Command::Arm)]);
+    assert_eq!((trace.reported("foreign-change"), trace.reported("disarmed")), (1, 1), "{}", trace.lines());
+    for sample in trace.between(64 * 60, 80 * 60) {
+        let axis = &sample.status.axes[0];
+        assert_eq!((axis.state, axis.stood_in.is_some()), ("degraded", true), "{}", trace.lines());
+    }
+}
+
+#[test]
 fn a_frozen_sensor_is_taken_from_the_others_until_a_person_has_looked() {
     let directory = tempfile::tempdir().unwrap();
-    let trace = a_frozen_wheelhead(directory.path());
+    // After an hour and a half a person looks.
+    let looks = [(90, Command::Disarm), (91, Command::Arm)];
+    let trace = a_frozen_wheelhead(directory.path(), "", &looks);
     law::holds(&trace);
     assert_eq!(trace.reported("frozen"), 1, "{}", trace.lines());
     // The value from which it stands comes too fast at first: lost for two seconds, and believed at once.
