@@ -161,7 +161,7 @@ pub fn identify(
     let mut notes = ready.notes.clone();
     let held_out = match bank.runs.len() {
         1 => Vec::new(),
-        _ => leave_one_run_out(campaign, learner, settings, &[], probe, progress)?,
+        _ => leave_one_run_out(campaign, learner, settings, &[Vec::new()], probe, progress).remove(0)?,
     };
     let mut learned = learner.learn(&(0..bank.runs.len()).collect::<Vec<usize>>(), &[])?;
     if settings.method == Method::Whitened {

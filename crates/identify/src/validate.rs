@@ -151,29 +151,37 @@ pub(super) fn hold_out_each<T: Send>(
 
 /// Learns once for each run from all the others, and judges on that run. With `probe`, the residual is measured and
 /// taken out at that interval, in seconds. Where a fault of another run was mended with a run's help, the method begins
-/// anew without it: `settings` are those of the learner.
+/// anew without it, once for all of `without`: `settings` are those of the learner.
 ///
-/// # Errors
-/// What the method says of the first run that it cannot do without.
+/// For each list of inputs that are left out every run, or what the method says of the first that it cannot do without.
 pub(super) fn leave_one_run_out(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,
     settings: &Settings,
-    without: &[usize],
+    without: &[Vec<usize>],
     probe: Option<f64>,
     progress: Progress<'_>,
-) -> Result<Vec<HeldOut>, String> {
-    let judged = |campaign: &Campaign<'_>, learner: &dyn Learner, out: usize, others: &[usize]| {
-        let learned = learner.learn(others, without)?;
-        let run = &learner.bank().runs[out];
-        let (error, cz) = (run.error(), learned.predict(campaign, learner.bank(), out));
-        let (windows, seconds) = (run.windows.clone(), run.seconds.clone());
-        let score = RunScore::new(&run.name, &error, &residual(&seconds, &error, &cz, probe));
-        Ok(HeldOut { score, windows, seconds, error, cz, learned })
+) -> Vec<Result<Vec<HeldOut>, String>> {
+    let judge =
+        |campaign: &Campaign<'_>, learner: &dyn Learner, out: usize, others: &[usize], without: &[usize]| {
+            let learned = learner.learn(others, without)?;
+            let run = &learner.bank().runs[out];
+            let (error, cz) = (run.error(), learned.predict(campaign, learner.bank(), out));
+            let (windows, seconds) = (run.windows.clone(), run.seconds.clone());
+            let score = RunScore::new(&run.name, &error, &residual(&seconds, &error, &cz, probe));
+            Ok(HeldOut { score, windows, seconds, error, cz, learned })
+        };
+    let each = |campaign: &Campaign<'_>, learner: &dyn Learner, out: usize, others: &[usize]| {
+        without.iter().map(|without| judge(campaign, learner, out, others, without)).collect::<Vec<_>>()
     };
     let held = |out: usize, others: &[usize]| match campaign.never_saw(out) {
-        None => judged(campaign, learner, out, others),
-        Some(blind) => judged(&blind, settings.method.prepare(&blind, settings)?.as_ref(), out, others),
+        None => each(campaign, learner, out, others),
+        Some(blind) => match settings.method.prepare(&blind, settings) {
+            Ok(learner) => each(&blind, learner.as_ref(), out, others),
+            Err(why) => without.iter().map(|_| Err(why.clone())).collect(),
+        },
     };
-    hold_out_each(learner.bank().runs.len(), progress, held).into_iter().collect()
+    let by_run = hold_out_each(learner.bank().runs.len(), progress, held);
+    let mut by_run: Vec<_> = by_run.into_iter().map(Vec::into_iter).collect();
+    without.iter().map(|_| by_run.iter_mut().filter_map(Iterator::next).collect()).collect()
 }

@@ -77,15 +77,18 @@ fn without_each(
     lost: &[usize],
 ) -> Vec<Fallback> {
     let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
-    let without = |lost: &usize| {
-        let is_out = |input: &usize| input == lost || !among.contains(input);
-        let out: Vec<usize> = (0..campaign.inputs.len()).filter(is_out).collect();
-        let learned = learner.learn(&runs, &out).ok()?;
+    let without = |lost: &usize| -> Vec<usize> {
+        (0..campaign.inputs.len()).filter(|input| input == lost || !among.contains(input)).collect()
+    };
+    let without: Vec<Vec<usize>> = lost.iter().map(without).collect();
+    let held_out = match runs.len() {
+        1 => lost.iter().map(|_| Ok(Vec::new())).collect(),
+        _ => leave_one_run_out(campaign, learner, settings, &without, None, &|_, _| {}),
+    };
+    let each = lost.iter().zip(&without).zip(held_out);
+    let fallbacks = each.filter_map(|((lost, without), held)| {
+        let (learned, held) = (learner.learn(&runs, without).ok()?, held.ok()?);
         let gains = learned.sum().filter(|gains| !gains.is_empty())?;
-        let held = match runs.len() {
-            1 => Vec::new(),
-            _ => leave_one_run_out(campaign, learner, settings, &out, None, &|_, _| {}).ok()?,
-        };
         Some(Fallback {
             without: campaign.inputs[*lost].name.clone(),
             method: settings.method.name(),
@@ -95,8 +98,8 @@ fn without_each(
             expected: expected(&held),
             means: Means::of(held.iter().map(|held| &held.score)),
         })
-    };
-    lost.iter().filter_map(without).collect()
+    });
+    fallbacks.collect()
 }
 
 /// Where a sensor is lost, its virtual sensor takes its place if no model without it leaves less; else that model does.
