@@ -24,6 +24,7 @@ pub mod settings;
 mod axis;
 mod datum;
 mod guard;
+mod instead;
 mod probe;
 mod remembered;
 mod running;
@@ -39,10 +40,10 @@ pub use stand_in::{Distrusted, StoodIn};
 pub use state::AxisState;
 
 use axis::Axis;
+use instead::Instead;
 use model::Model;
 use reference::{Machine, Noticed, Reference};
 use settings::{AxisSettings, MachineSettings};
-use stand_in::Instead;
 
 /// The machine at one moment: one reading per signal of the profile, already aged.
 #[derive(Clone, Copy, Debug)]

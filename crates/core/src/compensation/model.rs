@@ -29,6 +29,7 @@ pub use term::Term;
 use serde::{Deserialize, Serialize};
 
 use super::Snapshot;
+use super::instead::Instead;
 use super::reference::Machine;
 use crate::quantity::{Micron, MicronPerMillimetre};
 
@@ -115,6 +116,13 @@ pub enum Unusable {
     Unproven(SignalId),
     /// The result is not a finite number (a division by zero, a root of a negative number).
     NotANumber,
+}
+
+impl From<&Instead> for Unusable {
+    /// Nobody says what is needed of this sensor.
+    fn from(instead: &Instead) -> Unusable {
+        if instead.frozen { Unusable::Frozen(instead.signal) } else { Unusable::Unproven(instead.signal) }
+    }
 }
 
 /// What a model is evaluated from.

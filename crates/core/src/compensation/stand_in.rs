@@ -31,6 +31,7 @@
 use std::time::Duration;
 
 use super::Snapshot;
+use super::instead::{Instead, Says};
 use super::model::stand_ins::{StandIns, VirtualSensor};
 use super::model::{Inputs, Lag, Model, Reference};
 use super::reference::Machine;
@@ -38,12 +39,10 @@ use crate::quantity::{Moment, shifted};
 use crate::reading::SignalId;
 
 mod bank;
-mod instead;
 mod remembered;
 mod sensor;
 
 use bank::Gathered;
-pub(super) use instead::{Instead, Says};
 pub(super) use remembered::WatchRemembered;
 pub(super) use sensor::Beginning;
 use sensor::{Predicted, Sensor, Verdict};

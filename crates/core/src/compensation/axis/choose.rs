@@ -41,7 +41,7 @@ impl Axis {
         machine: &Machine,
     ) -> Result<Evaluated, Unusable> {
         if let Some(unknown) = self.unknown_in(place) {
-            return Err(unknown.unusable());
+            return Err(unknown.into());
         }
         let (model, inputs) = self.model(place, snapshot, machine).ok_or(Unusable::NotANumber)?;
         model.evaluate(&inputs)

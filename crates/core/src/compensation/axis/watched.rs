@@ -1,8 +1,9 @@
 //! What of an axis's models is stood in for, and what cannot be used at all.
 
 use super::Axis;
+use crate::compensation::instead::{Instead, Says};
 use crate::compensation::model::{Model, StandIns};
-use crate::compensation::stand_in::{Beginning, Instead, Says, Watch};
+use crate::compensation::stand_in::{Beginning, Watch};
 use crate::compensation::{Distrusted, StoodIn};
 use crate::compensation::{Snapshot, reference::Machine};
 use crate::quantity::Moment;

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use super::{Inputs, Lag, Term, Unusable};
 use crate::compensation::Snapshot;
+use crate::compensation::instead::{Instead, Says};
 use crate::compensation::reference::{Captured, Machine, Reference};
-use crate::compensation::stand_in::{Instead, Says};
 use crate::quantity::{Celsius, MicronPerMillimetreCelsius, Moment};
 use crate::reading::SignalId;
 
@@ -56,7 +56,7 @@ impl Input {
         machine: &Machine,
     ) -> Result<(f64, Captured), Unusable> {
         let (value, reference) = match snapshot.instead_of(self.signal) {
-            Some(instead) => self.level_of(instead, machine).ok_or(instead.unusable())?,
+            Some(instead) => self.level_of(instead, machine).ok_or(Unusable::from(instead))?,
             None => {
                 let value = snapshot.value(self.signal).ok_or(Unusable::Signal(self.signal))?;
                 (value, machine.captured(self.reference, self.signal).ok_or_else(|| self.misses(machine))?)
