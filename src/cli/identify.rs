@@ -60,7 +60,7 @@ pub(super) struct Arguments {
     /// How the model is found
     #[arg(long, value_parser = methods(), default_value = Method::default().name())]
     method: Method,
-    /// The inputs, instead of every temperature of the profile
+    /// The inputs, instead of every temperature of the profile and, for whitened, every speed
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     inputs: Vec<String>,
     /// Inputs that are left out
@@ -80,7 +80,7 @@ pub(super) struct Arguments {
     /// For one new day of the same machine after a repair, or of a sister machine; from two days on it gains nothing
     #[arg(long, value_name = "MODEL.toml")]
     prior: Option<PathBuf>,
-    /// Most terms of the model
+    /// sparse-lag, stepwise, lag and position: most terms of the model
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     terms: Option<u16>,
     /// rbf: radial basis functions of each of the five models that are averaged
