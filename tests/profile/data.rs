@@ -337,7 +337,7 @@ fn stand_ins_say_who_is_watched_and_for_whom_others_stand_in() {
     let loaded = watched(STAND_INS);
     let of = |loaded: &Loaded| loaded.profile.axes[0].settings.models[0].stand_ins.clone().unwrap();
     assert_eq!(of(&loaded).watched().map(|(_, stands_in)| stands_in).collect::<Vec<_>>(), [true, false]);
-    let words = "2 sensors are watched for standing still; others stand in for bed; nobody can for wheelhead";
+    let words = "2 sensors are watched for standing still; others stand in for bed; not for wheelhead";
     assert!(reported(&loaded).contains(words), "{}", reported(&loaded));
     assert_eq!(of(&loaded), of(&watched(STAND_INS)), "the same file is the same");
     let other = of(&watched(&STAND_INS.replace("0.31", "0.32")));

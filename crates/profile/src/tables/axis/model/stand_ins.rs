@@ -145,7 +145,7 @@ pub(super) fn preview(profile: &Profile, stand_ins: &StandIns) -> String {
         text += &format!("; others stand in for {}", with.join(", "));
     }
     if !without.is_empty() {
-        text += &format!("; nobody can for {}", without.join(", "));
+        text += &format!("; not for {}", without.join(", "));
     }
     text
 }
