@@ -93,13 +93,16 @@ pub fn decimals(value: f64, places: usize) -> String {
     if is_zero { text.trim_start_matches('-').to_owned() } else { text.replace('-', "−") }
 }
 
-/// As many decimals as three digits need.
+/// As many decimals as three digits need; below a thousandth as 4.29e-7, which gains per rpm² are.
 pub fn three_digits(value: f64) -> String {
-    // Gains per rpm² are as small as 1e-8.
-    const LEAST: f64 = 1e-10;
-    let size = if value.abs() < LEAST { 1e-4 } else { value.abs() };
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 12 decimals")]
-    let places = (2.0 - size.log10().floor()).clamp(0.0, 12.0) as usize;
+    let size = value.abs();
+    if size > 0.0 && size < 1e-3 {
+        // The exponent's own minus is what a profile may have.
+        return format!("{}{size:.2e}", if value < 0.0 { "−" } else { "" });
+    }
+    let size = if size > 0.0 { size } else { 1.0 };
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 5 decimals")]
+    let places = (2.0 - size.log10().floor()).clamp(0.0, 5.0) as usize;
     decimals(value, places)
 }
 
