@@ -218,7 +218,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Events(arguments) => events::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Token(arguments) => token::run(&arguments),
-        Verb::Schema => print_json(&isotherm_profile::schema()),
+        Verb::Schema => print_json(isotherm_profile::schema()),
         Verb::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Arguments::command(), "isotherm", &mut script);

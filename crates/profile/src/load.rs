@@ -145,9 +145,8 @@ fn layered(
     settings: &[(String, String)],
     environment: &[(String, String)],
 ) -> Result<Loaded, Errors> {
-    let schema = schema();
     let mut loader = Loader {
-        schema: &schema,
+        schema: schema(),
         spans: Spans::default(),
         errors: Found::default(),
         layers: Vec::new(),

@@ -1,5 +1,7 @@
 //! The JSON Schema of a profile, made from its tables as they are written.
 
+use std::sync::LazyLock;
+
 use schemars::Schema;
 use schemars::generate::SchemaSettings;
 use schemars::transform::RecursiveTransform;
@@ -7,12 +9,17 @@ use serde_json::Value;
 
 use super::RawProfile;
 
-/// The JSON Schema of a profile, draft 2020-12. Editors complete from it; the loader checks against it.
-pub fn schema() -> Value {
+/// Made once: it takes longer than reading a small profile.
+static SCHEMA: LazyLock<Value> = LazyLock::new(|| {
     let settings = SchemaSettings::draft2020_12()
         .for_deserialize()
         .with_transform(RecursiveTransform(without_null as fn(&mut Schema)));
     settings.into_generator().into_root_schema_for::<RawProfile>().to_value()
+});
+
+/// The JSON Schema of a profile, draft 2020-12. Editors complete from it; the loader checks against it.
+pub fn schema() -> &'static Value {
+    &SCHEMA
 }
 
 /// TOML has no null: an optional key is absent. A choice of words is a list of words, whatever each of them means.

@@ -90,7 +90,7 @@ fn read(shown: &str, written: &str, errors: &mut Found) -> Option<Group> {
     let mut spans = Spans::default();
     let layer = spans.add_layer(shown, Some(written));
     let before = errors.len();
-    let mut walk = Walk { schema: &schema, layer, spans: &mut spans, errors };
+    let mut walk = Walk { schema, layer, spans: &mut spans, errors };
     let (table, _) = walk.parsed(written);
     let value = walk.table(&schema, "", &table);
     // What a group leaves out, the profile may say.

@@ -1,5 +1,7 @@
 //! What a template's file may say: the keys of signals, outputs, sets and checks as a profile has them, in groups.
 
+use std::sync::LazyLock;
+
 use serde_json::{Map, Value, json};
 
 /// Keys of a signal that only a profile can know.
@@ -12,8 +14,14 @@ const OF_OUTPUT: [&str; 9] =
 /// Keys of a device that a CANopen node has from its template.
 pub(super) const NODE: [&str; 3] = ["heartbeat", "setup", "emergency"];
 
+static SCHEMA: LazyLock<Value> = LazyLock::new(made);
+
 /// The JSON Schema of a device template, draft 2020-12.
-pub fn schema() -> Value {
+pub fn schema() -> &'static Value {
+    &SCHEMA
+}
+
+fn made() -> Value {
     let profile = crate::schema();
     let keys = |table: &str, without: &[&str]| {
         let known = profile.pointer(&format!("/$defs/{table}/properties")).and_then(Value::as_object);
