@@ -8,7 +8,6 @@
 use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
 use std::io;
-use std::time::Duration;
 
 use super::departure::Departure;
 use super::error::{CallerFault, Fault, PeerFault};
@@ -17,13 +16,9 @@ use super::port::{Port, Tapped};
 use super::tls::tls_fault;
 use super::trace::Tap;
 use super::wire::{Answer, Boxed, Request, Wire};
-use isotherm_core::quantity::Moment;
 
 /// Transaction, protocol and length, behind which the length counts; and the unit.
 const HEADER: usize = 6;
-/// A read that follows the last question so soon needs no look at what came unasked: that would stand before its answer, where
-/// its number betrays it, and a read may be asked again. A write is never sent where something waits.
-const IN_STEP: Duration = Duration::from_millis(1);
 /// Header, unit and the longest message.
 const LONGEST: usize = HEADER + 1 + pdu::LONGEST;
 
@@ -32,8 +27,6 @@ pub struct ModbusTcp {
     port: Tapped,
     transaction: u16,
     question: Vec<u8>,
-    /// When the last question left.
-    asked: Option<Moment>,
 }
 
 impl ModbusTcp {
@@ -41,12 +34,7 @@ impl ModbusTcp {
     pub fn new(port: impl Port + 'static, tap: &Tap) -> ModbusTcp {
         let [low, high, ..] = RandomState::new().build_hasher().finish().to_le_bytes();
         let transaction = u16::from_le_bytes([low, high]);
-        ModbusTcp {
-            port: Tapped::new(port, tap),
-            transaction,
-            question: Vec::with_capacity(LONGEST),
-            asked: None,
-        }
+        ModbusTcp { port: Tapped::new(port, tap), transaction, question: Vec::with_capacity(LONGEST) }
     }
 
     pub(super) async fn exchange(
@@ -59,20 +47,15 @@ impl ModbusTcp {
             return Err(Fault::Caller(CallerFault::Function));
         }
         let mut received = [0; 2 * LONGEST];
-        let is_in_step = self.asked.is_some_and(|asked| departure.looked().since(asked) < IN_STEP);
-        if !(is_in_step && request.is_read()) {
-            match self.port.take_waiting(&mut received) {
-                Err(error)
-                    if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {}
-                Err(error) => return Err(tls_fault(&error).unwrap_or(Fault::CLOSED)),
-                Ok(0) => return Err(Fault::CLOSED),
-                Ok(_) => return Err(Fault::Peer(PeerFault::Unasked)),
-            }
+        match self.port.take_waiting(&mut received) {
+            Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {}
+            Err(error) => return Err(tls_fault(&error).unwrap_or(Fault::CLOSED)),
+            Ok(0) => return Err(Fault::CLOSED),
+            Ok(_) => return Err(Fault::Peer(PeerFault::Unasked)),
         }
         self.transaction = self.transaction.wrapping_add(1);
         self.frame(unit, request);
         departure.leave()?;
-        self.asked = Some(departure.looked());
         let broken = |error| tls_fault(&error).unwrap_or(Fault::BROKEN);
         self.port.send(&self.question).await.map_err(broken)?;
         let mut filled = 0;
