@@ -38,10 +38,11 @@ fn at_once(listener: &std::net::TcpListener, counts: &Arc<Counts>) {
         stream.set_nodelay(true).unwrap();
         std::thread::spawn(move || {
             let (mut requests, mut replies) = ([0; 8 * REQUEST], Vec::with_capacity(512));
+            let mut stands = [0; 2];
             while let Ok(length @ REQUEST..) = stream.read(&mut requests) {
                 replies.clear();
                 for request in requests[..length].chunks_exact(REQUEST) {
-                    answer(request, begun, &counts, &mut replies);
+                    answer(request, begun, &counts, &mut stands, &mut replies);
                 }
                 if stream.write_all(&replies).is_err() {
                     return;
@@ -63,10 +64,11 @@ fn late(listener: std::net::TcpListener, delay: Duration, counts: &Arc<Counts>) 
             stream.set_nodelay(true).unwrap();
             tokio::spawn(async move {
                 let (mut request, mut reply) = ([0; REQUEST], Vec::with_capacity(32));
+                let mut stands = [0; 2];
                 while stream.read_exact(&mut request).await.is_ok() {
                     tokio::time::sleep(delay).await;
                     reply.clear();
-                    answer(&request, begun, &counts, &mut reply);
+                    answer(&request, begun, &counts, &mut stands, &mut reply);
                     if stream.write_all(&reply).await.is_err() {
                         return;
                     }
@@ -76,9 +78,16 @@ fn late(listener: std::net::TcpListener, delay: Duration, counts: &Arc<Counts>) 
     });
 }
 
-fn answer(request: &[u8], begun: Moment, counts: &Counts, replies: &mut Vec<u8>) {
+/// `stands`: what the register holds that is written.
+fn answer(request: &[u8], begun: Moment, counts: &Counts, stands: &mut [u8; 2], replies: &mut Vec<u8>) {
+    if request[7] == 3 {
+        replies
+            .extend_from_slice(&[request[0], request[1], 0, 0, 0, 5, request[6], 3, 2, stands[0], stands[1]]);
+        return;
+    }
     if request[7] != 4 {
         counts.1.fetch_add(1, Ordering::Relaxed);
+        stands.copy_from_slice(&request[10..]);
         replies.extend_from_slice(request);
         return;
     }

@@ -124,7 +124,7 @@ static modbus_t *open_modbus(int device)
     char text[32];
     address(device, text, sizeof text);
     modbus_t *it = modbus_new_tcp(text, port);
-    if (!it || modbus_set_slave(it, 1) || modbus_connect(it))
+    if (!it || modbus_set_slave(it, 1) || modbus_set_response_timeout(it, 2, 0) || modbus_connect(it))
         give_up(text);
     return it;
 }
@@ -138,9 +138,8 @@ static void one_loop(modbus_t *it)
         give_up("modbus_write_register");
 }
 
-static void *modbus_thread(void *device)
+static void *modbus_thread(void *it)
 {
-    modbus_t *it = open_modbus((int)(intptr_t)device);
     struct timespec next;
     clock_gettime(CLOCK_MONOTONIC, &next);
     for (;;) {
@@ -160,7 +159,7 @@ static void threads(int devices)
     pthread_attr_setstacksize(&small, 64 * 1024);
     for (int device = 0; device < devices; device++) {
         pthread_t thread;
-        if (pthread_create(&thread, &small, modbus_thread, (void *)(intptr_t)device))
+        if (pthread_create(&thread, &small, modbus_thread, open_modbus(device)))
             give_up("pthread_create");
     }
     pause();
