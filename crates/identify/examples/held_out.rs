@@ -269,8 +269,14 @@ impl Record<'_> {
     }
 
     fn say_expected(&self, found: &Identified) {
+        #[allow(clippy::cast_precision_loss, reason = "some thousand rows")]
+        let rows = |run: usize| found.held_out[run].seconds.len() as f64;
         let inside = |of: fn(&Inside) -> f64| {
-            mean(found.runs.iter().filter_map(|run| run.expected_um.as_ref().map(of)))
+            let runs = found.runs.iter().enumerate();
+            let known = runs.filter_map(|(place, run)| Some((of(run.expected_um.as_ref()?), rows(place))));
+            let (inside, all) =
+                known.fold((0.0, 0.0), |(inside, all), (share, rows)| (inside + share * rows, all + rows));
+            inside / all
         };
         let shares = [inside(|inside| inside.inside_1), inside(|inside| inside.inside_2)];
         for (times, (share, (least, most))) in ["one", "two"].iter().zip(shares.into_iter().zip(INSIDE)) {
