@@ -5,21 +5,19 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::device::EVERY;
 use super::quirks::{Quirks, RawQuirks};
 use super::{At, Check, host_of};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
 use isotherm_core::codec::CanId;
+use periods::{Due, TIMEOUT};
 use serial::{Parity, Serial};
 use tls::{RawTls, TLS_PORT, Tls};
 
+pub(super) mod periods;
 pub(crate) mod serial;
 pub(crate) mod tls;
 
-/// Longest wait for an answer, where nothing is written and no device is polled faster.
-const TIMEOUT: Duration = Duration::from_millis(500);
-const SHORTEST_TIMEOUT: Duration = Duration::from_millis(100);
 /// A network, with the boxes in it, keeps a write at most this long where nothing else is known of it.
 const LATE: Duration = Duration::from_secs(30);
 const LATE_TIMEOUTS: u32 = 2;
@@ -186,7 +184,7 @@ impl RawBus {
         let quirks =
             self.quirks.as_ref().map_or_else(Quirks::default, |quirks| quirks.over(Quirks::default()));
         let timeout =
-            at.key("timeout").duration(self.timeout).unwrap_or_else(|| default_timeout(at.check, name));
+            at.key("timeout").duration(self.timeout).unwrap_or_else(|| at.check.periods().timeout(name));
         let Some(kind) = self.kind else {
             // Wrong itself: what is written all the same is looked at.
             self.address.as_ref().and_then(|_| self.host_and_port(at));
@@ -302,55 +300,19 @@ fn foreign_keys(at: &At<'_>, kind: BusType) {
     }
 }
 
-/// Where nothing is written: half the shortest period on the line, but never so short that a sound device is missed.
-fn default_timeout(check: &Check<'_>, bus: &str) -> Duration {
-    let halves = periods(check, bus).into_iter().map(|(_, period)| (period / 2).max(SHORTEST_TIMEOUT));
-    halves.fold(TIMEOUT, Duration::min)
-}
-
-/// How often something is due on this line, where that is written, and what.
-fn periods(check: &Check<'_>, bus: &str) -> Vec<(String, Duration)> {
-    let raw = check.raw;
-    let is_here = |device: Option<&String>| {
-        device.and_then(|name| raw.device.get(name)).is_some_and(|device| device.bus.as_deref() == Some(bus))
-    };
-    let mut periods = Vec::new();
-    let mut due = |what: String, every: Option<Timespan>| {
-        periods.extend(every.map(|Timespan(every)| (what, every)));
-    };
-    for (name, device) in raw.device.iter().filter(|(name, _)| is_here(Some(name))) {
-        let is_read = raw.signal.values().any(|signal| signal.device.as_ref() == Some(name));
-        let every = device.every.or(is_read.then_some(Timespan(EVERY)));
-        due(format!("device `{name}` is read every"), every);
-    }
-    let outputs = || raw.output.iter().filter(|(_, output)| is_here(output.device.as_ref()));
-    for (name, axis) in &raw.axis {
-        if outputs().any(|(_, output)| output.axis.as_ref() == Some(name)) {
-            due(format!("axis `{name}` is written every"), axis.every);
-        }
-    }
-    for (name, output) in outputs() {
-        due(format!("output `{name}` is refreshed every"), output.refresh);
-    }
-    if let Some(heartbeat) = raw.heartbeat.as_ref().filter(|heartbeat| is_here(heartbeat.device.as_ref())) {
-        due("the heartbeat is due every".to_owned(), heartbeat.every);
-    }
-    periods
-}
-
 /// One rule for whatever is due on a line: an answer is not waited for as long as that, else one that is lost costs more
 /// than one of them. It is a warning, as nothing else comes of it: what is due meanwhile is left out.
 pub(super) fn none_waits_for_a_period(check: &Check<'_>) {
     for (name, bus) in &check.raw.bus {
         let at = check.at("bus").key(name).key("timeout");
         let Some(timeout) = bus.timeout.map(|Timespan(timeout)| timeout) else { continue };
-        let mut due = periods(check, name);
-        due.retain(|(_, every)| *every <= timeout);
+        let of_line = check.periods().of(name).iter();
+        let mut due: Vec<&Due> = of_line.filter(|(_, every)| *every <= timeout).collect();
         due.sort_by_key(|(_, every)| *every);
         let Some((_, shortest)) = due.first() else { continue };
         let shortest = shown(*shortest);
         let due: Vec<String> =
-            due.into_iter().map(|(what, every)| format!("{what} {}", shown(every))).collect();
+            due.into_iter().map(|(what, every)| format!("{what} {}", shown(*every))).collect();
         let message = format!("a lost answer is waited for {}, and {}", shown(timeout), due.join(", "));
         let help = format!(
             "make it shorter than {shortest}, or leave it out (then it is half the shortest period, at most {}): what is due \

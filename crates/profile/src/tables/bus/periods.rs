@@ -1,0 +1,69 @@
+//! How often something is due on each line: what is looked at once for all of them, however many there are.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use crate::duration::Timespan;
+use crate::tables::RawProfile;
+use crate::tables::device::EVERY;
+
+/// Longest wait for an answer, where nothing is written and no device is polled faster.
+pub(super) const TIMEOUT: Duration = Duration::from_millis(500);
+const SHORTEST_TIMEOUT: Duration = Duration::from_millis(100);
+
+/// What is due, as the beginning of a sentence, and how often.
+pub(super) type Due = (String, Duration);
+
+/// By line: what is due there, where it is written how often.
+#[derive(Debug, Default)]
+pub(in crate::tables) struct Periods(BTreeMap<String, Vec<Due>>);
+
+impl Periods {
+    pub(in crate::tables) fn new(raw: &RawProfile) -> Periods {
+        let line = |device: Option<&String>| raw.device.get(device?)?.bus.as_ref();
+        let mut periods = Periods::default();
+        let are_read: BTreeSet<&String> =
+            raw.signal.values().filter_map(|signal| signal.device.as_ref()).collect();
+        for (name, device) in &raw.device {
+            let every = device.every.or(are_read.contains(name).then_some(Timespan(EVERY)));
+            periods.add(device.bus.as_ref(), || format!("device `{name}` is read every"), every);
+        }
+        let mut written: BTreeMap<&String, BTreeSet<&String>> = BTreeMap::new();
+        for output in raw.output.values() {
+            if let (Some(axis), Some(bus)) = (&output.axis, line(output.device.as_ref())) {
+                written.entry(axis).or_default().insert(bus);
+            }
+        }
+        for (name, axis) in &raw.axis {
+            for bus in written.get(name).into_iter().flatten() {
+                periods.add(Some(bus), || format!("axis `{name}` is written every"), axis.every);
+            }
+        }
+        for (name, output) in &raw.output {
+            let refreshed = || format!("output `{name}` is refreshed every");
+            periods.add(line(output.device.as_ref()), refreshed, output.refresh);
+        }
+        if let Some(heartbeat) = &raw.heartbeat {
+            let due = || "the heartbeat is due every".to_owned();
+            periods.add(line(heartbeat.device.as_ref()), due, heartbeat.every);
+        }
+        periods
+    }
+
+    fn add(&mut self, bus: Option<&String>, what: impl FnOnce() -> String, every: Option<Timespan>) {
+        if let (Some(bus), Some(Timespan(every))) = (bus, every) {
+            self.0.entry(bus.clone()).or_default().push((what(), every));
+        }
+    }
+
+    /// On this line.
+    pub(super) fn of(&self, bus: &str) -> &[Due] {
+        self.0.get(bus).map_or(&[], Vec::as_slice)
+    }
+
+    /// Where nothing is written: half the shortest period on the line, but never so short that a sound device is missed.
+    pub(super) fn timeout(&self, bus: &str) -> Duration {
+        let halves = self.of(bus).iter().map(|(_, period)| (*period / 2).max(SHORTEST_TIMEOUT));
+        halves.fold(TIMEOUT, Duration::min)
+    }
+}
