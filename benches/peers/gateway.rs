@@ -21,7 +21,7 @@ pub(super) fn closed_loop(port: u16) {
 }
 
 pub(super) fn fleet(port: u16, work: &Work) {
-    run(&profile(port, work, false), Options::default());
+    run(&profile(port, work, true), Options::default());
 }
 
 fn run(text: &str, options: Options) {

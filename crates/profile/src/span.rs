@@ -106,7 +106,11 @@ impl Spans {
     /// A list is replaced as a whole: what an earlier layer had inside is gone.
     pub(crate) fn forget_inside(&mut self, path: &str) {
         let inside = format!("{path}[");
-        self.by_path.retain(|known, _| !known.starts_with(&inside));
+        let after = self.by_path.range(inside.clone()..).map(|(known, _)| known);
+        let gone: Vec<String> = after.take_while(|known| known.starts_with(&inside)).cloned().collect();
+        for known in gone {
+            self.by_path.remove(&known);
+        }
     }
 
     pub(crate) fn contains(&self, path: &str) -> bool {
