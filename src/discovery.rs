@@ -3,6 +3,7 @@
 //! - [`bus`] — a line in one word: `tcp://192.168.0.10:502`.
 //! - [`ask`] — one question at a time, on the same [`crate::fieldbus::line`] that the gateway uses.
 //! - [`can`] — the interface of a CAN line, as the kernel has it.
+//! - [`mod@pipeline`] — whether a device bears two questions at a time.
 //! - [`scan`] — which units answer; [`walk`] — which registers a unit has.
 //! - [`values`] — what registers mean, in each order where none was given.
 //! - [`remedy`] — what to do about a fault.
@@ -10,6 +11,7 @@
 pub mod ask;
 pub mod bus;
 pub mod can;
+pub mod pipeline;
 pub mod remedy;
 pub mod scan;
 pub mod values;

@@ -9,6 +9,7 @@
 //! - [`tcp`] — sockets that keep nothing back, and Modbus TCP on them; [`tls`] — the same inside TLS.
 //! - [`mod@error`] — what can be wrong, by who is to blame; [`mod@explain`] — what to do about it, in the words that people read.
 //! - [`owed`] — what a unit may still say after a miss on a serial line, and what it may be asked meanwhile.
+//! - `pipeline` — whether two questions go out together, and when that is given up.
 //! - [`mod@line`] — the one way to ask a device: one request at a time, timeout, last moment, breaker, reconnection.
 
 pub mod backoff;
@@ -23,6 +24,7 @@ pub mod line;
 pub mod modbus;
 pub mod owed;
 mod pdu;
+mod pipeline;
 pub mod port;
 mod request;
 pub mod rtu;

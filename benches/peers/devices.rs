@@ -11,17 +11,61 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
 const REQUEST: usize = 12;
 
-/// Reads and writes so far.
-#[derive(Default)]
-struct Counts(AtomicU64, AtomicU64);
+/// Reaction times are counted in steps of this, up to a millisecond.
+const STEP: Duration = Duration::from_nanos(250);
+const STEPS: usize = 4000;
 
-/// Prints the port, then, for each line that comes in, the reads and writes so far.
+/// Reads and writes so far.
+struct Counts {
+    reads: AtomicU64,
+    writes: AtomicU64,
+    /// From the count that was read to the value that was written for it, since they were last asked for.
+    reactions: Vec<AtomicU64>,
+}
+
+impl Counts {
+    fn new() -> Counts {
+        let reactions = (0..STEPS).map(|_| AtomicU64::new(0)).collect();
+        Counts { reads: AtomicU64::new(0), writes: AtomicU64::new(0), reactions }
+    }
+
+    fn reacted(&self, after: Duration) {
+        let step = (after.as_nanos() / STEP.as_nanos()).min(STEPS as u128 - 1);
+        self.reactions[step as usize].fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Reads, writes, and how long half and 99 of 100 reactions took at most, in nanoseconds.
+    fn line(&self) -> String {
+        let counted: Vec<u64> = self.reactions.iter().map(|step| step.swap(0, Ordering::Relaxed)).collect();
+        let all: u64 = counted.iter().sum();
+        let within = |percent: u64| {
+            let mut sum = 0;
+            let places = counted.iter().take_while(|count| {
+                sum += *count;
+                100 * sum < percent * all
+            });
+            (places.count() as u128 + 1) * STEP.as_nanos()
+        };
+        let (reads, writes) = (self.reads.load(Ordering::Relaxed), self.writes.load(Ordering::Relaxed));
+        format!("{reads} {writes} {} {}", within(50), within(99))
+    }
+}
+
+/// What a device knows of itself.
+struct Device {
+    begun: Moment,
+    /// What the register holds that is written.
+    stands: [u8; 2],
+    read_at: Option<Moment>,
+}
+
+/// Prints the port, then, for each line that comes in, what was counted so far.
 pub(super) fn serve(delay: Duration) {
-    let counts = Arc::new(Counts::default());
+    let counts = Arc::new(Counts::new());
     let counted = counts.clone();
     std::thread::spawn(move || {
         for _ in std::io::stdin().lock().lines() {
-            println!("{} {}", counted.0.load(Ordering::Relaxed), counted.1.load(Ordering::Relaxed));
+            println!("{}", counted.line());
         }
         std::process::exit(0);
     });
@@ -38,11 +82,11 @@ fn at_once(listener: &std::net::TcpListener, counts: &Arc<Counts>) {
         stream.set_nodelay(true).unwrap();
         std::thread::spawn(move || {
             let (mut requests, mut replies) = ([0; 8 * REQUEST], Vec::with_capacity(512));
-            let mut stands = [0; 2];
+            let mut device = Device { begun, stands: [0; 2], read_at: None };
             while let Ok(length @ REQUEST..) = stream.read(&mut requests) {
                 replies.clear();
                 for request in requests[..length].chunks_exact(REQUEST) {
-                    answer(request, begun, &counts, &mut stands, &mut replies);
+                    answer(request, &counts, &mut device, &mut replies);
                 }
                 if stream.write_all(&replies).is_err() {
                     return;
@@ -64,11 +108,11 @@ fn late(listener: std::net::TcpListener, delay: Duration, counts: &Arc<Counts>) 
             stream.set_nodelay(true).unwrap();
             tokio::spawn(async move {
                 let (mut request, mut reply) = ([0; REQUEST], Vec::with_capacity(32));
-                let mut stands = [0; 2];
+                let mut device = Device { begun, stands: [0; 2], read_at: None };
                 while stream.read_exact(&mut request).await.is_ok() {
                     tokio::time::sleep(delay).await;
                     reply.clear();
-                    answer(&request, begun, &counts, &mut stands, &mut reply);
+                    answer(&request, &counts, &mut device, &mut reply);
                     if stream.write_all(&reply).await.is_err() {
                         return;
                     }
@@ -78,23 +122,27 @@ fn late(listener: std::net::TcpListener, delay: Duration, counts: &Arc<Counts>) 
     });
 }
 
-/// `stands`: what the register holds that is written.
-fn answer(request: &[u8], begun: Moment, counts: &Counts, stands: &mut [u8; 2], replies: &mut Vec<u8>) {
+fn answer(request: &[u8], counts: &Counts, device: &mut Device, replies: &mut Vec<u8>) {
+    let [high, low] = device.stands;
     if request[7] == 3 {
-        replies
-            .extend_from_slice(&[request[0], request[1], 0, 0, 0, 5, request[6], 3, 2, stands[0], stands[1]]);
+        replies.extend_from_slice(&[request[0], request[1], 0, 0, 0, 5, request[6], 3, 2, high, low]);
         return;
     }
+    let now = Clock::wall().now();
     if request[7] != 4 {
-        counts.1.fetch_add(1, Ordering::Relaxed);
-        stands.copy_from_slice(&request[10..]);
+        if let Some(read_at) = device.read_at.take() {
+            counts.reacted(now.since(read_at));
+        }
+        counts.writes.fetch_add(1, Ordering::Relaxed);
+        device.stands.copy_from_slice(&request[10..]);
         replies.extend_from_slice(request);
         return;
     }
-    counts.0.fetch_add(1, Ordering::Relaxed);
+    device.read_at = Some(now);
+    counts.reads.fetch_add(1, Ordering::Relaxed);
     replies.extend_from_slice(&[request[0], request[1], 0, 0, 0, 19, request[6], 4, 16]);
     // The first is a temperature that rises and falls by 0.1 K in a tenth of a second, 4 K about 27.5 °C.
-    let phase = Clock::wall().now().since(begun).as_millis() % 8_000;
+    let phase = now.since(device.begun).as_millis() % 8_000;
     let tenths = u16::try_from(phase.min(8_000 - phase) / 100).unwrap();
     replies.extend_from_slice(&(255 + tenths).to_be_bytes());
     // The second one stays; the last is a position.

@@ -9,19 +9,18 @@ use isotherm::gateway::{Gateway, Options, Pace};
 
 use super::Work;
 
-/// Without a pause, and with a step of the axis each time.
-pub(super) fn closed_loop(port: u16) {
+/// Without a pause, and with a step of the axis each time; so many questions under way together.
+pub(super) fn closed_loop(port: u16, pipeline: u8) {
     let work = Work { devices: 1, period: Duration::from_secs(1), reads_only: false };
     let polls = Duration::from_micros(1);
-    // A corrected position is written after each read.
     run(
-        &profile(port, &work, true),
+        &profile(port, &work, pipeline),
         Options { pace: Some(Pace { polls, axes: polls }), ..Options::default() },
     );
 }
 
 pub(super) fn fleet(port: u16, work: &Work) {
-    run(&profile(port, work, true), Options::default());
+    run(&profile(port, work, 1), Options::default());
 }
 
 fn run(text: &str, options: Options) {
@@ -34,8 +33,8 @@ fn run(text: &str, options: Options) {
     });
 }
 
-/// Each device has a line, an axis and an output of its own.
-fn profile(port: u16, work: &Work, corrects: bool) -> String {
+/// Each device has a line, an axis and an output of its own: a corrected position is written after each read.
+fn profile(port: u16, work: &Work, pipeline: u8) -> String {
     let period = humantime::format_duration(work.period);
     let timeout = humantime::format_duration(work.period.mul_f64(0.9).min(Duration::from_millis(300)));
     let mut text = String::from("[machine]\nname = \"peers\"\narm = \"auto\"\n");
@@ -43,7 +42,7 @@ fn profile(port: u16, work: &Work, corrects: bool) -> String {
         write!(
             text,
             "[bus.b{device}]\ntype = \"modbus-tcp\"\naddress = \"127.0.{}.{}:{port}\"\ntimeout = \"{timeout}\"\n\
-             [device.d{device}]\nbus = \"b{device}\"\nunit = 1\nevery = \"{period}\"\n",
+             pipeline = {pipeline}\n[device.d{device}]\nbus = \"b{device}\"\nunit = 1\nevery = \"{period}\"\n",
             device / 250,
             device % 250 + 1
         )
@@ -67,15 +66,10 @@ fn profile(port: u16, work: &Work, corrects: bool) -> String {
         if work.reads_only {
             continue;
         }
-        let what = if corrects {
-            format!("writes = \"corrected\"\nposition = \"s{device}_7\"\nscale = 0.01")
-        } else {
-            "writes = \"offset\"\nscale = 0.1".to_owned()
-        };
         write!(
             text,
             "[output.o{device}]\naxis = \"z{device}\"\ndevice = \"d{device}\"\nregister = \"holding:10\"\n\
-             type = \"i16\"\nverify = \"echo\"\n{what}\n"
+             type = \"i16\"\nverify = \"echo\"\nwrites = \"corrected\"\nposition = \"s{device}_7\"\nscale = 0.01\n"
         )
         .unwrap();
     }

@@ -32,7 +32,8 @@ fn main() {
         ["tasks", port, devices, period_ms, reads_only] => {
             bare::fleet(port.parse().unwrap(), &Work::of(devices, period_ms, reads_only));
         }
-        ["isotherm", port] => gateway::closed_loop(port.parse().unwrap()),
+        ["isotherm", port] => gateway::closed_loop(port.parse().unwrap(), 1),
+        ["isotherm-pipelined", port] => gateway::closed_loop(port.parse().unwrap(), 2),
         ["fleet", port, devices, period_ms, reads_only] => {
             gateway::fleet(port.parse().unwrap(), &Work::of(devices, period_ms, reads_only));
         }
@@ -75,12 +76,13 @@ fn compare(seconds: u64) {
         period: Duration::from_millis(period_ms),
         reads_only,
     };
-    for (name, work) in [
-        ("100 devices, 10 Hz, read and write", work(100, 100, false)),
-        ("300 devices", work(300, 100, false)),
-        ("500 devices", work(500, 100, false)),
-        ("500 devices, read only", work(500, 100, true)),
-        ("1 device, 1 Hz", work(1, 1000, false)),
+    // With an axis each; what a core of this machine may do of it at most, and how much memory it may take.
+    for (name, work, most) in [
+        ("100 devices, 10 Hz, read and write", work(100, 100, false), None),
+        ("300 devices", work(300, 100, false), None),
+        ("500 devices", work(500, 100, false), Some((14.0, 25.0))),
+        ("500 devices, read only", work(500, 100, true), Some((8.0, 25.0))),
+        ("1 device, 1 Hz", work(1, 1000, false), Some((0.1, 8.0))),
     ] {
         let figures = [(&loops, "sockets"), (&loops, "threads"), (&own, "tasks"), (&own, "fleet")].map(
             |(program, mode)| {
@@ -92,10 +94,10 @@ fn compare(seconds: u64) {
                 std::thread::sleep(span);
                 let passed = Clock::wall().now().since(begun).as_secs_f64();
                 let (core, memory) = (100.0 * (contender.busy() - before) / passed, contender.memory_mb());
-                let (reads, writes) = devices.counts();
+                let Counts { reads, writes, .. } = devices.counts();
                 let wanted = f64::from(work.devices) * passed / work.period.as_secs_f64();
-                let done = (reads - counted.0) as f64 / wanted;
-                (core, memory, done, (writes - counted.1) as f64 / wanted)
+                let done = (reads - counted.reads) as f64 / wanted;
+                (core, memory, done, (writes - counted.writes) as f64 / wanted)
             },
         );
         let cell = |(core, memory, ..): (f64, f64, f64, f64)| format!("{core:.2}, {memory:.1}");
@@ -104,40 +106,57 @@ fn compare(seconds: u64) {
         let shares =
             figures.map(|(.., reads, writes)| format!("{:.1} and {:.1} %", 100.0 * reads, 100.0 * writes));
         println!("{:<44}{}", "    reads and writes of those wanted", shares.join("; "));
+        if let (Some((core, memory)), [.., (found, takes, ..)]) = (most, figures) {
+            let is_reached = found < core && takes < memory;
+            let reached = if is_reached { "reached" } else { "MISSED" };
+            println!("    at most {core} % of a core and {memory} MB: {reached}");
+        }
     }
 }
 
-/// Loops in a second on one processor, each contender in turn, so that the machine's mood meets all.
+/// Loops in a second on one processor, each contender in turn, so that the machine's mood meets all; and how long after
+/// the device has sent a count the value for it arrives.
 fn closed_loops(own: &Path, loops: &Path, span: Duration) {
     if let Some(cores) = core_affinity::get_core_ids() {
         // What is started from here inherits it.
         core_affinity::set_for_current(cores[0]);
     }
     let contenders = [
-        ("blocking sockets in C", loops, "ping-pong"),
-        ("two requests in one segment, in C", loops, "pipelined"),
-        ("libmodbus", loops, "libmodbus"),
-        ("tokio-modbus", own, "tokio-modbus"),
-        ("isotherm", own, "isotherm"),
+        ("blocking sockets in C: the limit", loops, "ping-pong", None),
+        ("two requests in one segment, in C", loops, "pipelined", None),
+        ("libmodbus", loops, "libmodbus", None),
+        ("tokio-modbus", own, "tokio-modbus", None),
+        ("isotherm", own, "isotherm", Some(0.90)),
+        ("isotherm, pipeline = 2", own, "isotherm-pipelined", Some(1.30)),
     ];
-    let mut rates = contenders.map(|_| Vec::new());
+    let mut turns = contenders.map(|_| Vec::new());
     for _ in 0..TURNS {
-        for ((_, program, mode), rates) in contenders.iter().zip(&mut rates) {
+        for ((_, program, mode, _), turns) in contenders.iter().zip(&mut turns) {
             let mut devices = Devices::start(own, 0);
             let _contender = Contender::start(program, mode, devices.port, &[]);
             std::thread::sleep(Duration::from_millis(500));
-            let (begun, counted) = (Clock::wall().now(), devices.counts());
+            let (begun, before) = (Clock::wall().now(), devices.counts());
             std::thread::sleep(span);
             let passed = Clock::wall().now().since(begun).as_secs_f64();
-            rates.push((devices.counts().1 - counted.1) as f64 / passed);
+            let counts = devices.counts();
+            turns.push([(counts.writes - before.writes) as f64 / passed, counts.half_us, counts.most_us]);
         }
     }
-    let medians = rates.map(|mut rates| {
-        rates.sort_by(f64::total_cmp);
-        rates[rates.len() / 2]
-    });
-    for ((name, ..), rate) in contenders.iter().zip(medians) {
-        println!("{name:<44}{rate:>10.0} loops/s   {:.3} of the limit", rate / medians[0]);
+    let median = |turns: &[[f64; 3]], of: usize| {
+        let mut figures: Vec<f64> = turns.iter().map(|turn| turn[of]).collect();
+        figures.sort_by(f64::total_cmp);
+        figures[figures.len() / 2]
+    };
+    let limit = median(&turns[0], 0);
+    for ((name, .., least), turns) in contenders.iter().zip(&turns) {
+        let [rate, half, most] = [0, 1, 2].map(|of| median(turns, of));
+        let share = rate / limit;
+        let verdict = least.map_or(String::new(), |least| {
+            format!(", at least {least:.2}: {}", if share >= least { "reached" } else { "MISSED" })
+        });
+        println!(
+            "{name:<36}{rate:>8.0} loops/s, reaction p50 {half:>6.1} µs, p99 {most:>6.1}, {share:.3} of the limit{verdict}"
+        );
     }
     if let Some(cores) = core_affinity::get_core_ids() {
         core_affinity::set_for_current(*cores.last().unwrap());
@@ -183,13 +202,20 @@ impl Devices {
         line.trim().to_owned()
     }
 
-    /// Reads and writes so far.
-    fn counts(&mut self) -> (u64, u64) {
+    fn counts(&mut self) -> Counts {
         writeln!(self.asks).unwrap();
-        let counts = self.hears();
-        let (reads, writes) = counts.split_once(' ').unwrap();
-        (reads.parse().unwrap(), writes.parse().unwrap())
+        let counts: Vec<u64> = self.hears().split(' ').map(|count| count.parse().unwrap()).collect();
+        let [reads, writes, half, most] = counts[..] else { panic!("four counts") };
+        Counts { reads, writes, half_us: half as f64 / 1e3, most_us: most as f64 / 1e3 }
     }
+}
+
+/// Reads and writes so far; what half and 99 of 100 reactions took at most since they were last asked for.
+struct Counts {
+    reads: u64,
+    writes: u64,
+    half_us: f64,
+    most_us: f64,
 }
 
 impl Drop for Devices {

@@ -4,7 +4,7 @@ use super::certificate::Certificate;
 use super::run::known_directory;
 use super::{ProfileArguments, gauge, load_quietly, print_json, warned};
 use crate::cli::say::{say, say_all, say_beside};
-use crate::discovery::can;
+use crate::discovery::{can, pipeline};
 use crate::gateway::control;
 use crate::observe::http::Admission;
 use isotherm_profile::Profile;
@@ -53,9 +53,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return Ok(say_all!("{preview}")?);
     }
     let lines = can::inspect(&profile);
+    let pairs = super::runtime()?.block_on(pipeline::tried(&profile));
     let status = gauge::once(profile)?;
     if arguments.json {
-        print_json(&serde_json::json!({ "profile": preview, "online": status, "can": lines }))?;
+        print_json(
+            &serde_json::json!({ "profile": preview, "online": status, "can": lines, "pipeline": pairs }),
+        )?;
     } else {
         say_all!("{preview}")?;
         say!("\nOnline")?;
@@ -63,9 +66,18 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             say!("  bus {}: interface {}: {}", line.bus, line.interface, line.state)?;
             line.advice.iter().try_for_each(|advice| say!("    warning: {advice}"))?;
         }
+        for pipeline::Tried { bus, device, fault } in &pairs {
+            let came = fault.as_ref().map_or("both answered".to_owned(), |fault| {
+                format!("{fault}: remove `pipeline` from bus {bus}")
+            });
+            say!("  device {device}: two questions at a time: {came}")?;
+        }
         say_all!("{}{}", gauge::signals(&status), gauge::fieldbus(&status))?;
     }
-    gauge::judge(&status)
+    gauge::judge(&status)?;
+    let unfit = pairs.iter().find(|tried| tried.fault.is_some());
+    let unfit = unfit.map(|tried| format!("device {} does not bear two questions at a time", tried.device));
+    unfit.map_or(Ok(()), |unfit| Err(anyhow::anyhow!("{unfit}: remove `pipeline` from its bus")))
 }
 
 /// What keeps this profile from being run on this computer as it is.

@@ -47,6 +47,7 @@ impl LineAddress {
             tls: None,
             timeout,
             late: self.transport.late(timeout),
+            pipeline: 1,
             quirks: Quirks::default(),
             sync: None,
         }

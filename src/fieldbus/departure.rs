@@ -76,14 +76,24 @@ impl Departure {
     ///
     /// # Errors
     /// It is too late for it, or it was made up before the computer stood still: nothing must be sent.
-    pub fn leave(&mut self) -> Result<(), Fault> {
+    pub fn leave(&mut self) -> Result<Moment, Fault> {
         let now = self.look();
         self.looks.away_for(self.patience);
         if now > self.not_after || (self.stood_still.is_some() && !self.is_read) {
             return Err(Fault::Caller(CallerFault::TooLate));
         }
         self.asked = Some(now);
-        Ok(())
+        Ok(now)
+    }
+
+    /// The question has left already, behind another one.
+    pub(super) fn left(&mut self, asked: Moment) {
+        self.asked = Some(asked);
+    }
+
+    /// An answer to what left then would still be waited for.
+    pub(super) fn is_patient_since(&mut self, asked: Moment) -> bool {
+        self.look().since(asked) <= self.patience
     }
 
     /// The question is about to leave, and its answer is waited for so long.

@@ -29,6 +29,7 @@ use super::connection::{Connection, Dial};
 use super::departure::{Departure, Leave};
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::owed::{Owed, Spans};
+use super::pipeline::Pipeline;
 use super::trace::Tap;
 use super::wire::{Answer, Request};
 use crate::clock::{Clock, Patience};
@@ -68,6 +69,7 @@ pub struct DeviceLine {
     owed: BTreeMap<u8, Owed>,
     /// Answers do not name their questions.
     is_nameless: bool,
+    pipeline: Pipeline,
     spoke: bool,
     misses: u32,
     /// Closed by us after an answer.
@@ -102,6 +104,9 @@ pub trait Witness: Send + Sync {
         outcome: Result<(), Fault>,
         refusals: (u32, Fault),
     );
+
+    /// Questions go out one at a time from now on, because this came of two.
+    fn gives_up_pipeline(&self, _fault: Fault) {}
 }
 
 /// One device on the line.
@@ -145,6 +150,7 @@ impl DeviceLine {
             units,
             owed,
             is_nameless: false,
+            pipeline: Pipeline::new(bus.pipeline > 1),
             spoke: false,
             misses: 0,
             is_put_down: false,
@@ -227,6 +233,23 @@ impl DeviceLine {
         Some(owed.max(rests).unwrap_or_default().max(self.looked()))
     }
 
+    /// Whether a read may go out behind another question.
+    pub fn is_pipelined(&self) -> bool {
+        self.pipeline.is_on()
+    }
+
+    /// This read goes out behind the next question, if that leaves on a connection there is; whoever asks it next is given
+    /// its answer. With `None` nothing does.
+    pub fn ask_behind(&mut self, read: Option<(DeviceId, Request<'static>)>) {
+        let now = self.departure.looked();
+        let allowed = |device: DeviceId, request: Request<'_>| {
+            let unit = self.units.iter().find(|unit| unit.device == device)?;
+            (unit.functions.allow(request.function()) && unit.breaker.allows(now)).then_some(unit.number)
+        };
+        let read = read.and_then(|(device, request)| Some((allowed(device, request)?, request)));
+        self.pipeline.ask(read);
+    }
+
     fn spans(&self) -> Spans {
         Spans { timeout: self.timeout, grace: self.timeout * GRACE }
     }
@@ -268,12 +291,17 @@ impl DeviceLine {
         let mut was_connected = self.wire.is_some();
         let mut first_asked = None;
         let answer = loop {
+            let mut are_two = false;
             let begun = self.tap.begin();
             self.departure.next(request, leave);
             let mut answer = self.make_ready(place, request, now).await;
             if answer.is_ok()
                 && let Some(connection) = &mut self.wire
             {
+                if let read @ Some(_) = self.pipeline.take() {
+                    connection.wire().ask_behind(read);
+                }
+                are_two = self.pipeline.is_on() && connection.wire().has_behind();
                 let span = self.timeout + connection.wire().time_under_way(request);
                 self.departure.begins(span);
                 let exchanged = {
@@ -303,6 +331,12 @@ impl DeviceLine {
             }
             if let Some(begun) = begun {
                 self.tap.tell(begun, (device, number), request, &answer);
+            }
+            if are_two
+                && self.pipeline.judge(&answer)
+                && let (Some(witness), Err(fault)) = (&self.witness, &answer)
+            {
+                witness.gives_up_pipeline(*fault);
             }
             if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
                 break self.settle(place, request, answer, now);

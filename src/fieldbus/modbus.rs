@@ -4,6 +4,7 @@
 //!   simple client does, meets none of ours.
 //! - Before a question there is nothing to be read: bytes that answer no open question close the connection, as does
 //!   whatever comes behind an answer.
+//! - A read may go out in the same segment behind another question, with a transaction number of its own ([`behind`]).
 
 use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
@@ -16,6 +17,9 @@ use super::port::{Port, Tapped};
 use super::tls::tls_fault;
 use super::trace::Tap;
 use super::wire::{Answer, Boxed, Request, Wire};
+use behind::Behind;
+
+mod behind;
 
 /// Transaction, protocol and length, behind which the length counts; and the unit.
 const HEADER: usize = 6;
@@ -27,14 +31,32 @@ pub struct ModbusTcp {
     port: Tapped,
     transaction: u16,
     question: Vec<u8>,
+    /// What has come, up to `filled`.
+    received: [u8; 2 * LONGEST],
+    filled: usize,
+    behind: Behind,
+}
+
+/// What stands first in the bytes that have come.
+struct First {
+    transaction: u16,
+    unit: Option<u8>,
+    /// Where it ends, if it is whole.
+    end: Option<usize>,
 }
 
 impl ModbusTcp {
     /// On this port, whose bytes pass the tap.
     pub fn new(port: impl Port + 'static, tap: &Tap) -> ModbusTcp {
         let [low, high, ..] = RandomState::new().build_hasher().finish().to_le_bytes();
-        let transaction = u16::from_le_bytes([low, high]);
-        ModbusTcp { port: Tapped::new(port, tap), transaction, question: Vec::with_capacity(LONGEST) }
+        ModbusTcp {
+            port: Tapped::new(port, tap),
+            transaction: u16::from_le_bytes([low, high]),
+            question: Vec::with_capacity(LONGEST),
+            received: [0; 2 * LONGEST],
+            filled: 0,
+            behind: Behind::default(),
+        }
     }
 
     pub(super) async fn exchange(
@@ -46,56 +68,111 @@ impl ModbusTcp {
         if matches!(request, Request::Can(_)) {
             return Err(Fault::Caller(CallerFault::Function));
         }
-        let mut received = [0; 2 * LONGEST];
-        match self.port.take_waiting(&mut received) {
+        let open = self.behind.unanswered();
+        if let Some((transaction, unit, request)) = open {
+            let answer = self.hear(transaction, unit, |message| Ok(pdu::answer(request, message))).await?;
+            self.behind.answered(answer);
+        }
+        if let Some((answer, asked)) = self.behind.take(unit, request, departure, open.is_some()) {
+            departure.left(asked);
+            return answer;
+        }
+        match self.port.take_waiting(&mut self.received) {
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {}
             Err(error) => return Err(tls_fault(&error).unwrap_or(Fault::CLOSED)),
             Ok(0) => return Err(Fault::CLOSED),
             Ok(_) => return Err(Fault::Peer(PeerFault::Unasked)),
         }
-        self.transaction = self.transaction.wrapping_add(1);
-        self.frame(unit, request);
-        departure.leave()?;
-        let broken = |error| tls_fault(&error).unwrap_or(Fault::BROKEN);
+        self.question.clear();
+        let transaction = self.frame(unit, request);
+        let behind = self.behind.take_question();
+        let behind = behind.map(|(unit, request)| (unit, request, self.frame(unit, request)));
+        let asked = departure.leave()?;
         self.port.send(&self.question).await.map_err(broken)?;
-        let mut filled = 0;
+        if let Some((unit, request, transaction)) = behind {
+            self.behind.left(unit, request, transaction, asked);
+        }
+        self.hear(transaction, unit, |message| pdu::answer(request, message)).await
+    }
+
+    /// Adds a question to what is to be sent; its transaction.
+    fn frame(&mut self, unit: u8, request: Request<'_>) -> u16 {
+        self.transaction = self.transaction.wrapping_add(1);
+        let begin = self.question.len();
+        self.question.extend(self.transaction.to_be_bytes());
+        self.question.extend([0, 0, 0, 0, unit]);
+        pdu::question(request, &mut self.question);
+        let length = u16::try_from(self.question.len() - begin - HEADER).unwrap_or(u16::MAX);
+        self.question[begin + 4..begin + HEADER].copy_from_slice(&length.to_be_bytes());
+        self.transaction
+    }
+
+    /// Waits for the answer to this question. The one to the read behind it is kept, whichever of them comes first.
+    async fn hear<T>(
+        &mut self,
+        transaction: u16,
+        unit: u8,
+        answer: impl FnOnce(&[u8]) -> Result<T, Fault>,
+    ) -> Result<T, Fault> {
         loop {
-            filled += match self.port.receive(&mut received[filled..]).await.map_err(broken)? {
+            while let Some(first) = self.first()? {
+                let behind = self.behind.unanswered();
+                let is_wanted = first.answers(transaction, unit);
+                if !is_wanted && !behind.is_some_and(|(number, unit, _)| first.answers(number, unit)) {
+                    return Err(Fault::Peer(PeerFault::Foreign));
+                }
+                let Some(end) = first.end else { break };
+                let message = &self.received[HEADER + 1..end];
+                if is_wanted {
+                    let is_last = behind.is_none_or(|(number, ..)| number == transaction);
+                    if is_last && end < self.filled {
+                        return Err(Fault::Peer(PeerFault::Unasked));
+                    }
+                    let answered = answer(message);
+                    self.forget_first(end);
+                    return answered;
+                }
+                if let Some((_, _, request)) = behind {
+                    let answered = pdu::answer(request, message);
+                    self.behind.answered(answered);
+                }
+                self.forget_first(end);
+            }
+            match self.port.receive(&mut self.received[self.filled..]).await.map_err(broken)? {
                 0 => return Err(Fault::BROKEN),
-                count => count,
-            };
-            if let Some(message) = self.message(&received[..filled], unit)? {
-                return pdu::answer(request, message);
+                count => self.filled += count,
             }
         }
     }
 
-    fn frame(&mut self, unit: u8, request: Request<'_>) {
-        self.question.clear();
-        self.question.extend(self.transaction.to_be_bytes());
-        self.question.extend([0, 0, 0, 0, unit]);
-        pdu::question(request, &mut self.question);
-        let length = u16::try_from(self.question.len() - HEADER).unwrap_or(u16::MAX);
-        self.question[4..HEADER].copy_from_slice(&length.to_be_bytes());
-    }
-
-    /// The message in what has come; `None` while it is not whole.
-    fn message<'a>(&self, received: &'a [u8], unit: u8) -> Result<Option<&'a [u8]>, Fault> {
-        let Some((header, rest)) = received.split_at_checked(HEADER) else { return Ok(None) };
+    /// What stands first in what has come; `None` while that is less than a header.
+    fn first(&self) -> Result<Option<First>, Fault> {
+        let Some((header, rest)) = self.received[..self.filled].split_at_checked(HEADER) else {
+            return Ok(None);
+        };
         let number = |at: usize| u16::from_be_bytes([header[at], header[at + 1]]);
         let length = usize::from(number(4));
         if number(2) != 0 || !(2..=1 + pdu::LONGEST).contains(&length) {
             return Err(Fault::Peer(PeerFault::Malformed));
         }
-        if number(0) != self.transaction || rest.first().is_some_and(|answers| *answers != unit) {
-            return Err(Fault::Peer(PeerFault::Foreign));
-        }
-        match rest.len() {
-            came if came < length => Ok(None),
-            came if came > length => Err(Fault::Peer(PeerFault::Unasked)),
-            _ => Ok(Some(&rest[1..])),
-        }
+        let end = (rest.len() >= length).then_some(HEADER + length);
+        Ok(Some(First { transaction: number(0), unit: rest.first().copied(), end }))
     }
+
+    fn forget_first(&mut self, end: usize) {
+        self.received.copy_within(end..self.filled, 0);
+        self.filled -= end;
+    }
+}
+
+impl First {
+    fn answers(&self, transaction: u16, unit: u8) -> bool {
+        self.transaction == transaction && self.unit.is_none_or(|from| from == unit)
+    }
+}
+
+fn broken(error: io::Error) -> Fault {
+    tls_fault(&error).unwrap_or(Fault::BROKEN)
 }
 
 impl Wire for ModbusTcp {
@@ -106,6 +183,14 @@ impl Wire for ModbusTcp {
         departure: &'a mut Departure,
     ) -> Boxed<'a, Result<Answer, Fault>> {
         Box::pin(self.exchange(unit, request, departure))
+    }
+
+    fn ask_behind(&mut self, read: Option<(u8, Request<'static>)>) {
+        self.behind.ask(read);
+    }
+
+    fn has_behind(&self) -> bool {
+        self.behind.is_under_way()
     }
 }
 

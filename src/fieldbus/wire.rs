@@ -58,4 +58,13 @@ pub trait Wire: Send {
     fn listen(&mut self, _unit: u8, _span: Duration, _quiet: Duration) -> Boxed<'_, Result<(), Fault>> {
         Box::pin(std::future::ready(Ok(())))
     }
+
+    /// This read goes out with the next question, behind it, and whoever asks it next is given its answer. Nothing on a
+    /// wire whose answers do not name their questions.
+    fn ask_behind(&mut self, _read: Option<(u8, Request<'static>)>) {}
+
+    /// One goes out with the next question, or has not been answered.
+    fn has_behind(&self) -> bool {
+        false
+    }
 }

@@ -148,4 +148,9 @@ impl Witness for LineHandle {
             _ => contact.answers(device, self.clock.now(), events),
         }
     }
+
+    fn gives_up_pipeline(&self, fault: Fault) {
+        let bus = self.profile.bus(self.bus).name.clone();
+        self.core().events.push(Event::PipelineGivenUp { bus, fault: fault.to_string() });
+    }
 }

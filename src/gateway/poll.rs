@@ -25,6 +25,7 @@ use super::inspector::Inspector;
 use super::line_handle::LineHandle;
 use crate::clock::Sleeper;
 use crate::fieldbus::line::DeviceLine;
+use crate::fieldbus::wire::Request;
 use isotherm_core::compensation::model::Model;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, DeviceId, Profile};
@@ -187,8 +188,15 @@ impl LineTask {
                 Turn::Read(place) => self.read(place, now).await,
                 Turn::Step => self.step(now),
                 Turn::Output(place) => {
+                    let is_two = self.line.is_pipelined() && self.jobs[place].corrects.is_some();
+                    if is_two {
+                        self.line.ask_behind(self.reads_next(now));
+                    }
                     let turn = &mut LineTurn { line: &mut self.line, shared: &self.shared, now };
                     self.jobs[place].turn(turn).await;
+                    if is_two {
+                        self.line.ask_behind(None);
+                    }
                     self.pressed = 0;
                 }
             }
@@ -297,6 +305,11 @@ impl LineTask {
                 }
             }
         }
+    }
+
+    /// The read whose turn comes after a corrected position.
+    fn reads_next(&self, now: Moment) -> Option<(DeviceId, Request<'static>)> {
+        self.polls.iter().min_by_key(|poll| poll.due())?.asks_next(now)
     }
 
     /// The axes are looked at when a round of reads is over. One that is due waits for what it rests on, but not for

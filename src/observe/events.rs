@@ -234,6 +234,8 @@ pub enum Event {
         #[serde(rename = "late_s", serialize_with = "in_seconds")]
         late: Duration,
     },
+    /// A device does not bear two questions at a time: this came of them.
+    PipelineGivenUp { bus: String, fault: String },
     /// Nobody looked at the clock for this long: the computer was stopped, suspended or had no time for us.
     StoodStill {
         #[serde(rename = "span_s", serialize_with = "in_seconds")]

@@ -71,11 +71,13 @@ impl<'a> Snapshot<'a> {
     }
 
     /// What a sensor reads, believed or not, if that is good.
+    #[inline]
     fn reading(&self, id: SignalId) -> Option<f64> {
         self.readings.get(id.0)?.usable()
     }
 
     /// What is used instead of this sensor.
+    #[inline]
     fn instead_of(&self, id: SignalId) -> Option<&'a Instead> {
         self.instead.iter().find(|instead| instead.signal == id)
     }

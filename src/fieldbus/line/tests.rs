@@ -147,6 +147,7 @@ fn line_of(timeout: Duration, change: impl Fn(&mut Device)) -> (Rig, Shared) {
         tls: None,
         timeout,
         late: Duration::from_secs(30),
+        pipeline: 1,
         quirks: Quirks::default(),
         sync: None,
     };

@@ -2,8 +2,11 @@
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 
+use std::time::Duration;
+
 use super::*;
 use crate::clock::Clock;
+use crate::fieldbus::departure::Leave;
 use isotherm_core::codec::{Register, Table};
 
 const READ: Request<'static> =
@@ -125,4 +128,132 @@ async fn a_connection_that_ends_in_the_middle_of_an_answer_is_broken() {
         let answer = asked(READ, |asked| frame(asked, 0, 0, &[3, 4, 0, 1, 0, 2])[..kept].to_vec()).await;
         assert_eq!(answer, Err(Fault::BROKEN), "after {kept} bytes");
     }
+}
+
+/// A write with a read behind it, and then that read; the peer answers both at once, as this makes it of what it was asked.
+/// What came of the two, and how many questions the peer has heard.
+async fn pair(
+    answers: impl FnOnce(&[u8], &[u8]) -> Vec<Vec<u8>>,
+) -> (Result<Answer, Fault>, Result<Answer, Fault>) {
+    let (ours, mut theirs) = duplex(512);
+    let mut wire = ModbusTcp::new(ours, &Tap::default());
+    let peer = async {
+        // In one go: the second question is there before the first has an answer.
+        let mut both = [0; 24];
+        theirs.read_exact(&mut both).await.unwrap();
+        let (write, read) = both.split_at(12);
+        for bytes in answers(write, read) {
+            theirs.write_all(&bytes).await.unwrap();
+            tokio::task::yield_now().await;
+        }
+        // Nothing else is asked.
+        theirs.shutdown().await.unwrap();
+        assert_eq!(theirs.read(&mut both).await.unwrap(), 0);
+    };
+    let ours = async {
+        let mut departure = Departure::whenever(&Clock::wall());
+        departure.begins(Duration::from_secs(1));
+        wire.ask_behind(Some((3, READ)));
+        let written = wire.exchange(3, WRITE, &mut departure).await;
+        let read = wire.exchange(3, READ, &mut departure).await;
+        drop(wire);
+        (written, read)
+    };
+    tokio::join!(ours, peer).0
+}
+
+const ECHO: &[u8] = &[6, 0, 4, 0, 9];
+const TWO: &[u8] = &[3, 4, 0, 1, 0, 2];
+
+#[tokio::test]
+async fn of_two_questions_in_one_go_each_gets_its_own_answer_in_whatever_order_and_pieces_they_come() {
+    let right = (Ok(Answer::Done), Ok(Answer::Registers(vec![1, 2])));
+    let in_order = |write: &[u8], read: &[u8]| [frame(write, 0, 0, ECHO), frame(read, 0, 0, TWO)].concat();
+    assert_eq!(pair(|write, read| vec![in_order(write, read)]).await, right);
+    let turned = |write: &[u8], read: &[u8]| [frame(read, 0, 0, TWO), frame(write, 0, 0, ECHO)].concat();
+    assert_eq!(pair(|write, read| vec![turned(write, read)]).await, right);
+    for piece in [1, 7, 12, 13] {
+        let pieces = |bytes: Vec<u8>| bytes.chunks(piece).map(<[u8]>::to_vec).collect::<Vec<_>>();
+        assert_eq!(pair(|write, read| pieces(in_order(write, read))).await, right, "{piece}");
+        assert_eq!(pair(|write, read| pieces(turned(write, read))).await, right, "{piece}");
+    }
+    let refused = pair(|write, read| vec![frame(write, 0, 0, &[0x86, 4]), frame(read, 0, 0, &[0x83, 2])]);
+    assert_eq!(refused.await, (Err(Fault::Exception(4)), Err(Fault::Exception(2))));
+}
+
+#[tokio::test]
+async fn of_two_questions_nothing_is_believed_that_a_single_one_would_not_be() {
+    let done = Ok(Answer::Done);
+    // The echo of another value; the transaction of neither; a unit of nobody; one register for two.
+    let wrong_echo = pair(|write, read| vec![frame(write, 0, 0, &[6, 0, 4, 0, 8]), frame(read, 0, 0, TWO)]);
+    assert_eq!(wrong_echo.await.0, peer(PeerFault::Echo));
+    let neither = pair(|write, read| vec![frame(write, 0, 0, ECHO), frame(read, 5, 0, TWO)]);
+    assert_eq!(neither.await, (done.clone(), peer(PeerFault::Foreign)));
+    let nobody = pair(|write, read| vec![frame(write, 0, 0, ECHO), frame(read, 0, 1, TWO)]);
+    assert_eq!(nobody.await, (done.clone(), peer(PeerFault::Foreign)));
+    let short = pair(|write, read| vec![frame(write, 0, 0, ECHO), frame(read, 0, 0, &[3, 2, 0, 1])]);
+    assert_eq!(short.await, (done.clone(), peer(PeerFault::Length)));
+    // The answer to the second question is no answer to the first, though it has its function.
+    let swapped = pair(|write, read| vec![frame(write, 0, 0, TWO), frame(read, 0, 0, ECHO)]);
+    assert_eq!(swapped.await.0, peer(PeerFault::Function));
+    // The first answered twice, the second never.
+    let twice = pair(|write, _| vec![[frame(write, 0, 0, ECHO), frame(write, 0, 0, ECHO)].concat()]);
+    assert_eq!(twice.await, (done.clone(), peer(PeerFault::Foreign)));
+    let lost = pair(|write, _| vec![frame(write, 0, 0, ECHO)]);
+    assert_eq!(lost.await, (done, Err(Fault::BROKEN)));
+}
+
+#[tokio::test]
+async fn bytes_behind_both_answers_close_the_connection() {
+    let more = pair(|write, read| vec![frame(write, 0, 0, ECHO), [frame(read, 0, 0, TWO), vec![0]].concat()]);
+    assert_eq!(more.await.1, peer(PeerFault::Unasked));
+}
+
+#[tokio::test]
+async fn an_answer_that_nobody_asked_for_in_time_is_forgotten_and_the_question_put_anew() {
+    let (ours, mut theirs) = duplex(512);
+    let mut wire = ModbusTcp::new(ours, &Tap::default());
+    let peer = async {
+        let (write, read) = (hear(&mut theirs).await, hear(&mut theirs).await);
+        theirs.write_all(&[frame(&write, 0, 0, ECHO), frame(&read, 0, 0, TWO)].concat()).await.unwrap();
+        // The same write again, between the two.
+        let again = hear(&mut theirs).await;
+        theirs.write_all(&frame(&again, 0, 0, ECHO)).await.unwrap();
+        let anew = hear(&mut theirs).await;
+        theirs.write_all(&frame(&anew, 0, 0, &[3, 4, 0, 7, 0, 8])).await.unwrap();
+    };
+    let ours = async {
+        let mut departure = Departure::whenever(&Clock::wall());
+        departure.begins(Duration::from_millis(20));
+        wire.ask_behind(Some((3, READ)));
+        assert_eq!(wire.exchange(3, WRITE, &mut departure).await, Ok(Answer::Done));
+        assert_eq!(wire.exchange(3, WRITE, &mut departure).await, Ok(Answer::Done));
+        tokio::time::sleep(Duration::from_millis(30)).await;
+        assert_eq!(wire.exchange(3, READ, &mut departure).await, Ok(Answer::Registers(vec![7, 8])));
+    };
+    tokio::join!(ours, peer);
+}
+
+#[tokio::test]
+async fn what_is_read_behind_a_question_is_as_old_as_that() {
+    let (ours, mut theirs) = duplex(512);
+    let mut wire = ModbusTcp::new(ours, &Tap::default());
+    let peer = async {
+        let (write, read) = (hear(&mut theirs).await, hear(&mut theirs).await);
+        theirs.write_all(&frame(&write, 0, 0, ECHO)).await.unwrap();
+        tokio::time::sleep(Duration::from_millis(20)).await;
+        theirs.write_all(&frame(&read, 0, 0, TWO)).await.unwrap();
+    };
+    let ours = async {
+        let mut departure = Departure::whenever(&Clock::wall());
+        departure.begins(Duration::from_secs(1));
+        wire.ask_behind(Some((3, READ)));
+        wire.exchange(3, WRITE, &mut departure).await.unwrap();
+        let left = departure.asked();
+        departure.next(READ, Leave::Whenever);
+        wire.exchange(3, READ, &mut departure).await.unwrap();
+        assert_eq!(departure.asked(), left);
+        assert!(departure.took() >= Duration::from_millis(20));
+    };
+    tokio::join!(ours, peer);
 }

@@ -26,6 +26,10 @@ impl Captures {
         Captures(captures)
     }
 
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// Sends them.
     pub(super) async fn send(&mut self, line: &mut DeviceLine, shared: &LineHandle, device: DeviceId) {
         for (capture, sent) in &mut self.0 {

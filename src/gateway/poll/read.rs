@@ -5,6 +5,7 @@ use std::time::Duration;
 use super::{Captures, Overruns};
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::line::DeviceLine;
+use crate::fieldbus::wire::Request;
 use crate::gateway::line_handle::LineHandle;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
@@ -81,6 +82,14 @@ impl Poll {
     /// Its readings have lived half of the time for which they may be used.
     pub(super) fn grows_stale(&self, now: Moment) -> bool {
         now.since(self.read_at) >= self.max_age / 2
+    }
+
+    /// What it asks next, where that is due and no command goes before it.
+    pub(super) fn asks_next(&self, now: Moment) -> Option<(DeviceId, Request<'static>)> {
+        let place = self.under_way.map_or(0, |(_, place)| place);
+        let is_plain = self.again.is_none() && (place > 0 || self.captures.is_empty());
+        let request = self.requests.get(place).filter(|_| is_plain && self.due() <= now)?;
+        Some((self.device, request.asks.into()))
     }
 
     /// It is read at once, from its first request on.

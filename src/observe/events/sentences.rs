@@ -254,6 +254,13 @@ impl Event {
                     late.as_millis()
                 ),
             ),
+            Event::PipelineGivenUp { bus, fault } => warning(
+                "pipeline-given-up",
+                format!(
+                    "bus {bus}: two questions at a time did not do ({fault}); one at a time from now on: remove `pipeline` \
+                     from the profile"
+                ),
+            ),
             Event::StoodStill { span } => warning(
                 "stood-still",
                 format!(

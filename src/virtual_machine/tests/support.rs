@@ -137,6 +137,7 @@ pub(super) fn bus(name: &str, address: &str) -> Bus {
         tls: None,
         timeout,
         late: Transport::Tcp.late(timeout),
+        pipeline: 1,
         quirks,
         sync: None,
     }

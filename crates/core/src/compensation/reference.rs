@@ -134,6 +134,7 @@ impl Machine {
     }
 
     /// The reference value of a term; `None` while it has not been captured.
+    #[inline]
     pub fn captured(&self, reference: Reference, signal: SignalId) -> Option<Captured> {
         let capture = match reference {
             Reference::Fixed(value) => return Some(Captured { value, at: Moment::default() }),

@@ -46,6 +46,10 @@ pub(crate) struct RawBus {
     late: Option<Timespan>,
     /// Modbus/TCP Security: the certificate files of a modbus-tcp line.
     tls: Option<RawTls>,
+    /// Questions of a modbus-tcp line that may be under way together: 1 or 2. Default 1. With 2 a corrected position is
+    /// written and the next one asked for in one go.
+    #[schemars(range(min = 1, max = 2))]
+    pipeline: Option<u8>,
     /// What all its devices need to be treated like.
     quirks: Option<RawQuirks>,
     /// Serial port of a modbus-rtu line: "/dev/serial/by-id/usb-…".
@@ -101,6 +105,8 @@ pub struct Bus {
     pub timeout: Duration,
     /// How long a write that was not answered may still arrive. Never less than `timeout`.
     pub late: Duration,
+    /// So many questions may be under way together, 1 or 2.
+    pub pipeline: u8,
     /// What its devices need to be treated like.
     pub quirks: Quirks,
     /// The SYNC that is sent on a CAN line.
@@ -172,6 +178,10 @@ impl Bus {
         section.part("tls", self.tls.as_ref().map(Tls::preview));
         section.entry("timeout", timeout);
         section.entry("late", late);
+        if self.pipeline > 1 {
+            section.line("  a corrected position is written and the next one asked for in one go");
+            section.entry("pipeline", self.pipeline);
+        }
         section.part("serial", serial);
         section.part("can", can);
         section.part("load", load);
@@ -212,11 +222,36 @@ impl RawBus {
             Some(tls) => Some(tls?),
             None => None,
         };
+        let pipeline = self.pipeline(&at.key("pipeline"), quirks);
         let sync = self.sync.as_ref().filter(|_| kind == BusType::Can).and_then(|sync| {
             let every = at.key("sync").key("every").period(sync.every);
             Some(Sync { id: CanId::standard(sync.cob_id.unwrap_or(SYNC))?, every: every? })
         });
-        Some(Bus { name: name.to_owned(), transport, address: address?, tls, timeout, late, quirks, sync })
+        Some(Bus {
+            name: name.to_owned(),
+            transport,
+            address: address?,
+            tls,
+            timeout,
+            late,
+            pipeline,
+            quirks,
+            sync,
+        })
+    }
+
+    fn pipeline(&self, at: &At<'_>, quirks: Quirks) -> u8 {
+        let pipeline = self.pipeline.unwrap_or(1);
+        if !(1..=2).contains(&pipeline) {
+            at.wrong(format!("{pipeline} is not possible"), "write 1 or 2");
+        }
+        if pipeline > 1 && (quirks.close_after_each || !quirks.pause_between_requests.is_zero()) {
+            at.wrong(
+                "of two questions none can have a pause or a connection of its own, as the quirks of this bus want it",
+                "remove it, or the quirk",
+            );
+        }
+        pipeline
     }
 
     fn late(&self, at: &At<'_>, timeout: Duration, default: Duration) -> Duration {
@@ -291,7 +326,7 @@ fn foreign_keys(at: &At<'_>, kind: BusType) {
     let owners: [(&[&str], &str, &[BusType]); 5] = [
         (&["address"], "a TCP line", &[BusType::ModbusTcp, BusType::ModbusRtuOverTcp]),
         (&["port", "baud", "parity", "stop_bits"], "a modbus-rtu line", &[BusType::ModbusRtu]),
-        (&["tls"], "a modbus-tcp line", &[BusType::ModbusTcp]),
+        (&["tls", "pipeline"], "a modbus-tcp line", &[BusType::ModbusTcp]),
         (&["interface", "sync"], "a can line", &[BusType::Can]),
         (&["quirks"], "a Modbus line", &[BusType::ModbusTcp, BusType::ModbusRtu, BusType::ModbusRtuOverTcp]),
     ];

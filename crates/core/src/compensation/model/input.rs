@@ -50,6 +50,7 @@ impl Input {
     ///
     /// # Errors
     /// The signal cannot be used, its reference has not been captured, or its square is no finite number.
+    #[inline]
     pub(in crate::compensation) fn level(
         &self,
         snapshot: &Snapshot<'_>,
@@ -58,16 +59,11 @@ impl Input {
         let (value, reference) = match snapshot.instead_of(self.signal) {
             Some(instead) => self.level_of(instead, machine).ok_or(Unusable::from(instead))?,
             None => {
-                let value = snapshot.value(self.signal).ok_or(Unusable::Signal(self.signal))?;
+                let value = snapshot.reading(self.signal).ok_or(Unusable::Signal(self.signal))?;
                 (value, machine.captured(self.reference, self.signal).ok_or_else(|| self.misses(machine))?)
             }
         };
-        if !self.squared {
-            return Ok((value, reference));
-        }
-        let square = |value: f64| Celsius::new(value * value).ok_or(Unusable::NotANumber);
-        let from = square(reference.value.get())?;
-        Ok((square(value)?.get(), Captured { value: from, ..reference }))
+        if self.squared { squared(value, reference) } else { Ok((value, reference)) }
     }
 
     /// The same of what others say.
@@ -103,6 +99,7 @@ impl Input {
     ///
     /// # Errors
     /// The signal cannot be used, its reference has not been captured, or the rise is no finite number.
+    #[inline]
     pub fn rise(&self, inputs: &Inputs<'_>, lag: &Lag) -> Result<Celsius, Unusable> {
         let (value, reference) = self.level(&inputs.snapshot, inputs.machine)?;
         let rise = match self.lag {
@@ -111,4 +108,10 @@ impl Input {
         };
         rise.ok_or(Unusable::NotANumber)
     }
+}
+
+fn squared(value: f64, reference: Captured) -> Result<(f64, Captured), Unusable> {
+    let square = |value: f64| Celsius::new(value * value).ok_or(Unusable::NotANumber);
+    let from = square(reference.value.get())?;
+    Ok((square(value)?.get(), Captured { value: from, ..reference }))
 }

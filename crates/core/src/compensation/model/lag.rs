@@ -70,6 +70,7 @@ impl Lag {
     }
 
     /// Goes on to this snapshot. A reading that cannot be used is waited for: the gap is a straight line to the next.
+    #[inline]
     pub fn follow(&mut self, input: &Input, snapshot: &Snapshot<'_>, machine: &Machine) {
         let Some(constant) = input.lag else { return };
         let Ok((value, reference)) = input.level(snapshot, machine) else { return };
@@ -82,6 +83,7 @@ impl Lag {
     }
 
     /// The lagged rise at this snapshot, whose reading and reference are these; `None` where it is no number.
+    #[inline]
     pub fn rise(
         &self,
         input: &Input,

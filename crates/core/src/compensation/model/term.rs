@@ -16,6 +16,7 @@ pub struct Term<Gain = MicronPerCelsius> {
 
 impl<Gain: Mul<Celsius, Output = f64> + Copy> Term<Gain> {
     /// What it adds to the sum now.
+    #[inline]
     pub(super) fn part(&self, lag: &Lag, inputs: &Inputs<'_>) -> Result<f64, Unusable> {
         Ok(self.gain * self.input.rise(inputs, lag)?)
     }
