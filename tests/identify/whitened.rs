@@ -91,6 +91,11 @@ fn the_block_names_its_halves_its_stand_ins_and_what_to_expect_and_a_profile_tak
         assert!(block.block.contains(key), "{}", block.block);
     }
     rig::pasted(&rig::profile_with(4, &block.block), &block.files);
+    for (name, content) in &block.files {
+        let key = name.split('.').rev().nth(1).unwrap_or_default().replace('-', "_");
+        let seal = format!("sha256.{key} = \"{}\"", isotherm_profile::sha256(content.as_bytes()));
+        assert!(block.block.contains(&seal), "{seal} is not in\n{}", block.block);
+    }
 }
 
 #[test]

@@ -10,27 +10,28 @@ use super::*;
 #[path = "../onnx/encode.rs"]
 mod encode;
 
-type File<'a> = (&'a str, &'a [u8]);
+pub(super) type File<'a> = (&'a str, &'a [u8]);
 
 const MATRIX: &str = r#"{ "format": "isotherm-matrix", "version": 1, "blocks": ["base", "head"], "guide_mm": [0, 400],
   "guide_nodes": [11, 12], "P": [[0, 0], [0, 0], [0.001, 0.002], [0, 0], [0, 0], [0.003, 0.004]] }"#;
 const MATRIX_KEYS: &str = "kind = \"matrix\"\nfile = \"c.json\"\ninputs = [\"bed\", { signal = \"wheelhead\", reference = \"start\" }]\n\
     reference = 20\nposition = \"scale_z\"\ncomponent = \"z\"\ncarries = \"tool\"";
 
-const NETWORK: &str = r#"{ "format": "isotherm-network", "version": 1, "type": "bp",
+pub(super) const NETWORK: &str = r#"{ "format": "isotherm-network", "version": 1, "type": "bp",
   "inputs": { "names": ["a", "b"], "mean": [20, 20], "scale": [4, 4] }, "output": { "mean": 0, "scale": 1 },
   "layers": [{ "weights": [[0.5, -0.5]], "bias": [0], "activation": "tanh" }] }"#;
 const RADIAL: &str = r#"{ "format": "isotherm-network", "version": 1, "type": "rbf",
   "inputs": { "mean": [20, 20], "scale": [4, 4] }, "output": { "mean": 0, "scale": 1 },
   "centres": [[0, 0]], "widths": [1], "weights": [3], "bias": 0 }"#;
-const NETWORK_KEYS: &str = "kind = \"network\"\nfile = \"n.json\"\ninputs = [\"bed\", \"wheelhead\"]";
+pub(super) const NETWORK_KEYS: &str =
+    "kind = \"network\"\nfile = \"n.json\"\ninputs = [\"bed\", \"wheelhead\"]";
 
-const ENVELOPE: &str = r#"{ "format": "isotherm-envelope", "version": 1, "covariance": [[4, 1], [1, 4]],
+pub(super) const ENVELOPE: &str = r#"{ "format": "isotherm-envelope", "version": 1, "covariance": [[4, 1], [1, 4]],
   "inputs": [{ "signal": "bed", "mean": 24, "min": 20, "max": 30 },
              { "signal": "wheelhead", "reference": "start", "mean": 2, "min": 0, "max": 9 }] }"#;
 
 /// The grinder whose first model has these keys instead of its own.
-fn machine(keys: &str, files: &[File<'_>]) -> Result<Loaded, Errors> {
+pub(super) fn machine(keys: &str, files: &[File<'_>]) -> Result<Loaded, Errors> {
     isotherm_profile::parse_with(Path::new("machine.toml"), &grinder(keys), files, &[], &[])
 }
 
@@ -41,7 +42,7 @@ fn grinder(keys: &str) -> String {
 }
 
 #[track_caller]
-fn refused_at(keys: &str, files: &[File<'_>], key: &str, words: &[&str]) {
+pub(super) fn refused_at(keys: &str, files: &[File<'_>], key: &str, words: &[&str]) {
     let found = errors(machine(keys, files));
     assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
     assert_eq!(found[0].key, format!("axis.z.model[0]{key}"), "{}", found[0]);
@@ -270,9 +271,9 @@ fn an_envelope_belongs_to_any_model_and_says_what_happens_outside() {
     refused_at(&linear.replace("shrink", "stop"), file, ".outside", &["allowed: agree, warn, hold, shrink"]);
 }
 
-const HALVES: &str = r#"{ "format": "isotherm-halves", "version": 1, "terms": [
+pub(super) const HALVES: &str = r#"{ "format": "isotherm-halves", "version": 1, "terms": [
   { "signal": "bed", "lag_s": 360, "ridge": 2, "net": 2.8 }, { "signal": "wheelhead", "lag_s": 0, "ridge": 1, "net": 1 } ] }"#;
-const HALVED: &str = "kind = \"linear\"\nterms = [ { signal = \"bed\", gain = 2.4, reference = 0.0, lag = \"6min\" }, \
+pub(super) const HALVED: &str = "kind = \"linear\"\nterms = [ { signal = \"bed\", gain = 2.4, reference = 0.0, lag = \"6min\" }, \
     { signal = \"wheelhead\", gain = 1, reference = 0.0 } ]\nenvelope = \"e.json\"\nhalves = \"h.json\"";
 
 #[test]
@@ -326,7 +327,7 @@ fn halves_of_another_model_are_refused_with_the_term() {
     refused_at(&format!("{HALVED}\n{slope}"), &files, ".halves", &["only a linear model without a slope"]);
 }
 
-const STAND_INS: &str = r#"{ "format": "isotherm-stand-ins", "version": 1, "sensors": [
+pub(super) const STAND_INS: &str = r#"{ "format": "isotherm-stand-ins", "version": 1, "sensors": [
   { "signal": "bed", "threshold": 0.31, "stands_in": true, "terms": [{ "signal": "wheelhead", "lag_s": 360, "gain": 0.4 }] },
   { "signal": "wheelhead", "threshold": 0.2, "stands_in": false, "terms": [{ "signal": "bed", "lag_s": 0, "gain": 1.1 }] } ] }"#;
 const WATCHED: &str = "kind = \"linear\"\nterms = [ { signal = \"bed\", gain = 2.4, reference = 0.0 } ]\nstand_ins = \"s.json\"";

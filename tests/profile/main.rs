@@ -19,6 +19,7 @@ mod mistakes;
 mod models;
 mod not_built;
 mod probe;
+mod seals;
 mod serial;
 mod templates;
 mod together;

@@ -12,6 +12,7 @@ use crate::learn::Learned;
 use crate::region::Region;
 use crate::stand_in::StandIn;
 use isotherm_core::compensation::model::Outside;
+use isotherm_profile::sha256;
 
 /// A block and its files, by name.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,20 +32,13 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
         block += "# No model: it would have no term.\n";
         return Written { block, files };
     }
-    let settle = settle(found);
-    // What its rises are measured from, for `check` to compare.
-    let with = format!("identified_with = {{ settle = \"{settle}\" }}");
+    let with = identified_with(found.settle_s);
     let body = match &found.learned {
         Learned::Sum(_) | Learned::Mean { .. } => format!("{}\n{with}", sum(&found.terms, position)),
         Learned::Net { file, inputs, .. } => {
-            let name = format!("{stem}.network.json");
             let inputs = network_inputs(file, inputs);
-            let body = format!(
-                "kind = \"network\"\nfile = {}\n{inputs}\nreference = \"start\"\n{with}",
-                json!(name)
-            );
-            files.push((name, format!("{file:#}\n")));
-            body
+            let file = named("file", format!("{stem}.network.json"), file, &mut files);
+            format!("kind = \"network\"\n{file}{inputs}\nreference = \"start\"\n{with}")
         }
     };
     let beside = beside(found, stem, &mut files);
@@ -52,9 +46,8 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
         let envelope = match region {
             None => "# No envelope: too many inputs, or one that never moved.".to_owned(),
             Some(region) => {
-                files.push((file.clone(), format!("{:#}\n", region.file())));
-                let (file, outside) = (json!(file), json!(outside));
-                format!("envelope = {file}   # the rises it was identified on\noutside = {outside}")
+                let envelope = named("envelope", file, &region.file(), &mut files);
+                format!("# The rises it was identified on.\n{envelope}outside = {}", json!(outside))
             }
         };
         format!("[[axis.{}.model]]\nname = {}\n{body}\n{envelope}\n", found.axis, json!(name))
@@ -89,9 +82,7 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
 fn beside(found: &Identified, stem: &str, files: &mut Vec<(String, String)>) -> String {
     let mut keys = String::new();
     let mut file = |key: &str, word: &str, content: Value| {
-        let name = format!("{stem}.{word}.json");
-        keys += &format!("{key} = {}\n", json!(name));
-        files.push((name, format!("{content:#}\n")));
+        keys += &named(key, format!("{stem}.{word}.json"), &content, files);
     };
     // How far they agree counts outside the envelope.
     if let (Learned::Mean { halves, .. }, Some(_)) = (&found.learned, &found.region) {
@@ -110,6 +101,14 @@ fn beside(found: &Identified, stem: &str, files: &mut Vec<(String, String)>) -> 
     keys + &expected(found.expected.as_ref())
 }
 
+/// The keys that name a file and seal it.
+fn named(key: &str, name: String, content: &Value, files: &mut Vec<(String, String)>) -> String {
+    let content = format!("{content:#}\n");
+    let keys = format!("{key} = {}\nsha256.{key} = \"{}\"\n", json!(name), sha256(content.as_bytes()));
+    files.push((name, content));
+    keys
+}
+
 fn expected(found: Option<&Expected>) -> String {
     let Some(Expected { since_datum, since_touch }) = found else { return String::new() };
     let pair = |[a, b]: &[f64; 2]| format!("[{}, {}]", short(*a), short(*b));
@@ -120,14 +119,19 @@ fn expected(found: Option<&Expected>) -> String {
 }
 
 /// What references are the mean over, as a profile writes it.
-fn settle(found: &Identified) -> humantime::FormattedDuration {
-    format_duration(Duration::from_secs_f64(found.settle_s))
+fn settle(seconds: f64) -> humantime::FormattedDuration {
+    format_duration(Duration::try_from_secs_f64(seconds).unwrap_or_default())
+}
+
+/// What its rises are measured from, for `check` to compare.
+pub(crate) fn identified_with(settle_s: f64) -> String {
+    format!("identified_with = {{ settle = \"{}\" }}", settle(settle_s))
 }
 
 /// What a person must know of the model, line by line.
 fn head(found: &Identified) -> Vec<String> {
     let (means, before) = (&found.means, &found.uncompensated);
-    let settle = settle(found);
+    let settle = settle(found.settle_s);
     let mut lines = vec![
         format!("Cz = −e, e being {}: found by isotherm identify --method {}.", found.error, found.method),
         match found.runs.is_empty() {
@@ -162,7 +166,7 @@ fn head(found: &Identified) -> Vec<String> {
 }
 
 /// kind, terms and slope. A gain has every digit, so that what was validated is what runs.
-fn sum(terms: &[TermFound], position: Option<&(String, f64)>) -> String {
+pub(crate) fn sum(terms: &[TermFound], position: Option<&(String, f64)>) -> String {
     let list = |of_slope: bool| -> String {
         terms.iter().filter(|term| term.slope == of_slope).map(listed).collect()
     };

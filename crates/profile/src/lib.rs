@@ -41,6 +41,7 @@ pub use load::{Loaded, environment, load, parse, parse_with};
 pub use overridden::Overridden;
 pub use tables::axis::Axis;
 pub use tables::axis::model::network;
+pub use tables::axis::model::seals::sha256;
 pub use tables::axis::probe::ProbeInput;
 pub use tables::bus::serial::{Parity, Serial};
 pub use tables::bus::tls::{TLS_PORT, Tls};

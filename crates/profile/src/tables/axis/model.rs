@@ -17,6 +17,7 @@ use isotherm_core::compensation::model::{Kind, Model};
 use isotherm_core::reading::SignalId;
 use linear::{RawSlope, RawTerm};
 use matrix::{Carries, Component};
+use seals::RawSeals;
 
 pub(crate) mod all_over;
 mod effect;
@@ -30,6 +31,7 @@ mod inputs;
 mod linear;
 mod matrix;
 pub mod network;
+pub(crate) mod seals;
 mod stand_ins;
 
 /// Every kind of model. A new one is a file beside the others and a line here.
@@ -100,6 +102,8 @@ pub(crate) struct RawModel {
     expected: Option<RawExpected>,
     /// A file with what the sensors say of each other: finds one that is frozen, and stands in for one that is frozen or lost.
     stand_ins: Option<String>,
+    /// The SHA-256 of its files, by the key that names each: one that was changed is refused; `isotherm identify` writes it.
+    sha256: Option<RawSeals>,
     /// matrix: the signal with the position of the axis, mm.
     position: Option<String>,
     /// matrix, network: what rises are measured from: a number, "start" or "zero". A network's default is 0.
@@ -128,16 +132,35 @@ impl RawModel {
         if let Some(identified_with) = &self.identified_with {
             identified_with.doubt(&at.key("identified_with"));
         }
+        if let Some(seals) = &self.sha256 {
+            seals.check(self, at);
+        }
         let kind = (own.resolve)(self, at);
         let model = self.name.clone().zip(kind).map(|(name, kind)| Model::new(name, kind));
         let expected = match &self.expected {
             Some(expected) => expected.resolve(&at.key("expected")).map(Some),
             None => Some(None),
         };
-        let stand_ins = self.stand_ins.as_deref().map(|name| stand_ins::resolve(&at.key("stand_ins"), name));
+        let stand_ins =
+            self.stand_ins.as_deref().map(|name| stand_ins::resolve(self, &at.key("stand_ins"), name));
         let envelope = envelope::resolve(self, at, model.as_ref())?;
         let stand_ins = stand_ins.map_or(Some(None), |found| found.map(Some))?;
         Some(Model { envelope, expected: expected?, stand_ins, ..model? })
+    }
+
+    fn seals(&self) -> Option<&RawSeals> {
+        self.sha256.as_ref()
+    }
+
+    /// The file that this key names.
+    fn file_of(&self, key: &str) -> Option<&str> {
+        match key {
+            "file" => self.file.as_deref(),
+            "envelope" => self.envelope.as_deref(),
+            "halves" => self.halves.as_deref(),
+            "stand_ins" => self.stand_ins.as_deref(),
+            _ => None,
+        }
     }
 
     pub(super) fn may_be_linear(&self) -> bool {

@@ -98,8 +98,8 @@ pub(super) fn resolve(raw: &RawModel, at: &At<'_>, model: Option<&Model>) -> Opt
         return Some(None);
     };
     let halves = at.key("halves");
-    let apart = raw.halves.as_deref().map(|name| halves::resolve(&halves, name, model?));
-    let bytes = bytes(&place, name)?;
+    let apart = raw.halves.as_deref().map(|name| halves::resolve(raw, &halves, name, model?));
+    let bytes = bytes(raw, "envelope", &place, name)?;
     let file: EnvelopeFile = taken(&place, name, read(&bytes, "isotherm-envelope"))?;
     let signals = model?.signals();
     let names = &at.check.signals.names;

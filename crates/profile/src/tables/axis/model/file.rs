@@ -4,6 +4,7 @@
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
+use super::RawModel;
 use crate::tables::At;
 
 /// What every file begins with.
@@ -56,9 +57,10 @@ pub(super) fn fit(what: &str, own: &[String], given: &[&str]) -> Result<(), Stri
     Ok(())
 }
 
-/// The content of the file that is named here.
-pub(super) fn bytes(at: &At<'_>, name: &str) -> Option<Vec<u8>> {
-    at.file(name, "a file is looked for relative to the profile's directory")
+/// The content of the file that this key of the model names, as it was sealed. `at`: the key.
+pub(super) fn bytes(raw: &RawModel, key: &str, at: &At<'_>, name: &str) -> Option<Vec<u8>> {
+    let bytes = at.file(name, "a file is looked for relative to the profile's directory")?;
+    raw.seals().is_none_or(|seals| seals.fits(key, at, name, &bytes)).then_some(bytes)
 }
 
 /// What became of the file that is named here; why not, is reported.

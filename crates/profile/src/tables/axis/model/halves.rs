@@ -9,6 +9,7 @@
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
+use super::RawModel;
 use super::effect::figure;
 use super::file::{bytes, read, taken};
 use crate::duration::shown;
@@ -38,8 +39,8 @@ struct HalfTerm {
 }
 
 /// By term of the model, what the gains of its halves differ by.
-pub(super) fn resolve(at: &At<'_>, name: &str, model: &Model) -> Option<Vec<f64>> {
-    let bytes = bytes(at, name)?;
+pub(super) fn resolve(raw: &RawModel, at: &At<'_>, name: &str, model: &Model) -> Option<Vec<f64>> {
+    let bytes = bytes(raw, "halves", at, name)?;
     let file: HalvesFile = taken(at, name, read(&bytes, "isotherm-halves"))?;
     let apart = file.of(model.sum(), &at.check.signals.names);
     taken(at, name, apart)

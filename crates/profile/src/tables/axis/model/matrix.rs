@@ -112,7 +112,7 @@ fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
     let position = at.key("position").position(raw.position.as_ref());
     let inputs = in_order(raw, at, None);
     let (name, at) = (raw.file.as_deref()?, at.key("file"));
-    let bytes = bytes(&at, name)?;
+    let bytes = bytes(raw, "file", &at, name)?;
     let file = taken(&at, name, MatrixFile::parse(&bytes))?;
     let (inputs, names) = inputs?;
     taken(&at, name, fit("blocks", &file.blocks, &names))?;

@@ -161,7 +161,7 @@ fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
     }
     let inputs = in_order(raw, at, Some(Reference::Fixed(Celsius::ZERO)));
     let (name, at) = (raw.file.as_deref()?, at.key("file"));
-    let bytes = bytes(&at, name)?;
+    let bytes = bytes(raw, "file", &at, name)?;
     let (inputs, names) = inputs?;
     let (net, own) = taken(&at, name, net(name, bytes, inputs.len()))?;
     let fits = match own {

@@ -13,6 +13,7 @@ use std::time::Duration;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
+use super::RawModel;
 use super::file::{bytes, read, taken};
 use super::inputs::LONGEST_LAG;
 use crate::Profile;
@@ -54,8 +55,8 @@ struct TermOfFile {
 }
 
 /// The stand-ins in the file that is named here.
-pub(super) fn resolve(at: &At<'_>, name: &str) -> Option<StandIns> {
-    let bytes = bytes(at, name)?;
+pub(super) fn resolve(raw: &RawModel, at: &At<'_>, name: &str) -> Option<StandIns> {
+    let bytes = bytes(raw, "stand_ins", at, name)?;
     let file: StandInsFile = taken(at, name, read(&bytes, "isotherm-stand-ins"))?;
     let described = taken(at, name, file.described(&at.check.signals.names))?;
     for sensor in &described {

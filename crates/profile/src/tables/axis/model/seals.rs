@@ -1,0 +1,103 @@
+//! `sha256` of a model: the SHA-256 of each file beside it, so that one that was changed since is refused.
+//!
+//! ```toml
+//! stand_ins = "spindle.stand-ins.json"
+//! sha256.stand_ins = "9f86d081…"       # 64 hex digits, as `sha256sum spindle.stand-ins.json` prints them
+//! ```
+//! `isotherm identify` writes it. A model without it takes its files as they are: people write some by hand.
+
+use std::fmt::Write as _;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use sha2::{Digest, Sha256};
+
+use super::RawModel;
+use crate::tables::At;
+
+/// Hex digits of a SHA-256.
+const DIGITS: usize = 64;
+
+/// The SHA-256 of each file.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Sha256")]
+pub(super) struct RawSeals {
+    /// Of `file`.
+    file: Option<String>,
+    /// Of `envelope`.
+    envelope: Option<String>,
+    /// Of `halves`.
+    halves: Option<String>,
+    /// Of `stand_ins`.
+    stand_ins: Option<String>,
+}
+
+/// The SHA-256 of these bytes, as a profile has it: 64 hex digits.
+#[must_use]
+pub fn sha256(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().fold(String::new(), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+impl RawSeals {
+    fn each(&self) -> [(&'static str, Option<&String>); 4] {
+        [
+            ("file", self.file.as_ref()),
+            ("envelope", self.envelope.as_ref()),
+            ("halves", self.halves.as_ref()),
+            ("stand_ins", self.stand_ins.as_ref()),
+        ]
+    }
+
+    /// What is no seal, or seals nothing; and a file without one beside others that have one. `at`: the model.
+    pub(super) fn check(&self, raw: &RawModel, at: &At<'_>) {
+        let place = at.key("sha256");
+        for (key, seal) in self.each() {
+            let named = raw.file_of(key);
+            match (seal, named) {
+                (Some(_), None) => {
+                    let help = format!("name the file with `{key}`, or remove it");
+                    place.key(key).wrong_key(format!("the model has no `{key}` that it could seal"), help);
+                }
+                (Some(seal), Some(name)) if !is_sha256(seal) => place.key(key).wrong(
+                    format!("a SHA-256 has {DIGITS} hex digits"),
+                    format!("write what `sha256sum {name}` prints"),
+                ),
+                (None, Some(name)) if self.each().iter().any(|(_, seal)| seal.is_some()) => {
+                    let message = format!(
+                        "{name} has no `sha256.{key}`, as others have: nobody would notice a change of it"
+                    );
+                    let help = format!("write sha256.{key}, which `sha256sum {name}` prints");
+                    at.key(key).warn(message, help);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Whether these are the bytes that were sealed; if not, it is reported at the key that names the file.
+    pub(super) fn fits(&self, key: &str, at: &At<'_>, name: &str, bytes: &[u8]) -> bool {
+        let seal = self.each().into_iter().find(|(own, _)| *own == key).and_then(|(_, seal)| seal);
+        // What is no seal has been reported.
+        let Some(seal) = seal.filter(|seal| is_sha256(seal)) else { return true };
+        let found = sha256(bytes);
+        if found.eq_ignore_ascii_case(seal) {
+            return true;
+        }
+        at.wrong(
+            format!("{name}: it was changed, or belongs to another model: its SHA-256 is not `sha256.{key}`"),
+            format!(
+                "put back the file that `isotherm identify` wrote with this block, or paste the block that it wrote with this \
+                 file; if the change is meant, write sha256.{key} = \"{found}\""
+            ),
+        );
+        false
+    }
+}
+
+fn is_sha256(text: &str) -> bool {
+    text.len() == DIGITS && text.bytes().all(|byte| byte.is_ascii_hexdigit())
+}
