@@ -7,6 +7,7 @@ mod balls;
 mod command;
 mod drift;
 mod faulty;
+mod fleet;
 mod gaps;
 mod lost;
 mod position;

@@ -8,7 +8,7 @@
 //! The rises and lags of the bank are computed by the gateway's own [`compensation`](isotherm_core::compensation): what is
 //! found is what runs.
 //!
-//! [`select`] says which points are worth keeping, without a profile; [`report`] draws both for a customer.
+//! [`fleet`] keeps of each run what a model is learnt from, so that the runs of several machines add up. [`select`] says which points are worth keeping, without a profile; [`report`] draws both for a customer.
 //!
 //! # Sign
 //! Methods learn the compensation that would leave no error, Cz = −(e − its cold value): a gain is the profile's gain.
@@ -20,6 +20,7 @@ pub mod drift;
 pub mod expected;
 pub mod facts;
 pub mod faults;
+pub mod fleet;
 pub mod identified;
 pub mod mended;
 pub mod method;

@@ -34,6 +34,16 @@ impl Products {
         }
     }
 
+    /// Those of each run that were kept: of its rows as they are, and whitened.
+    pub(crate) fn kept(plain: Vec<Gram>, white: Vec<Gram>) -> Products {
+        Products { plain, white }
+    }
+
+    /// By run: of its rows as they are, and whitened.
+    pub(crate) fn each(&self) -> impl Iterator<Item = (&Gram, &Gram)> {
+        self.plain.iter().zip(&self.white)
+    }
+
     /// What is learnt from these runs, in columns that are divided by these units.
     pub(crate) fn training(&self, runs: &[usize], columns: &[usize], units: &DVector<f64>) -> Gram {
         of(&self.white, runs, columns, units)

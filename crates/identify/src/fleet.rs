@@ -1,0 +1,425 @@
+//! The products of runs, kept: the runs of a fleet add up, and a model is learnt from them where their records are not.
+//!
+//! ```text
+//! machine 1:  records ── RunProducts::of ── file ──┐
+//! machine 2:  records ── RunProducts::of ── file ──┴── add ── learn ── FleetModel ── block
+//! ```
+//! `whitened` needs no more of a run than the sums of products of its columns: some hundred kB, however long it was. They
+//! depend on nothing but the run, so what is learnt from runs that were kept one by one is what is learnt from their records
+//! at once, to the last bit; unless a faulty sensor was mended with the help of other runs.
+//!
+//! Products say nothing of single rows: no range, no envelope, no stand-ins.
+
+use std::time::Duration;
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use crate::bank::{Bank, Candidate};
+use crate::gram::Gram;
+use crate::identified::TermFound;
+use crate::method::whitened::{Fitted, fit, usual_lags};
+use crate::method::{Method, Settings};
+use crate::products::Products;
+use crate::setup::Ready;
+use crate::written;
+use isotherm_profile::sha256;
+
+const FORMAT: &str = "isotherm-products";
+const VERSION: u64 = 1;
+
+/// The products of some runs, of one machine or of several, with what they belong to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunProducts {
+    axis: String,
+    /// What references are the mean over, s.
+    settle_s: f64,
+    /// Rows were averaged over this long, s.
+    resample_s: f64,
+    columns: Vec<Column>,
+    runs: Vec<Run>,
+}
+
+/// A signal through a lag.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Column {
+    signal: String,
+    unit: String,
+    lag_s: f64,
+    squared: bool,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Run {
+    machine: String,
+    run: String,
+    plain: Sums,
+    white: Sums,
+}
+
+/// X'X row by row up to its diagonal, X'y, y'y and the number of rows.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Sums {
+    square: Vec<f64>,
+    cross: Vec<f64>,
+    power: f64,
+    rows: f64,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    format: String,
+    version: u64,
+    /// Of the products, as they stand here without a space.
+    sha256: String,
+    products: RunProducts,
+}
+
+/// What only is looked at first: a file of another version may have other keys.
+#[derive(Deserialize)]
+struct Head {
+    format: Option<String>,
+    version: Option<u64>,
+}
+
+/// A model of several runs: Cz is the sum of its terms.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FleetModel {
+    /// The axis.
+    pub axis: String,
+    /// In the order of the columns.
+    pub terms: Vec<FleetTerm>,
+    /// Each run as models of others leave it.
+    pub runs: Vec<RunLeft>,
+    settle_s: f64,
+}
+
+/// One term of a [`FleetModel`].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FleetTerm {
+    /// The signal.
+    pub signal: String,
+    /// Its unit: the gain is µm per that, or per its square.
+    pub unit: String,
+    /// Time constant, s; 0: it acts at once.
+    pub lag_s: f64,
+    /// The square of the signal counts.
+    pub squared: bool,
+    /// For Cz = −e.
+    pub gain: f64,
+    /// Of the ridge and of the net whose mean it is; none of one or two runs.
+    pub halves: Option<[f64; 2]>,
+}
+
+/// How far off a run is, root mean squares in µm.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RunLeft {
+    /// Its machine.
+    pub machine: String,
+    /// Its name.
+    pub run: String,
+    /// Without compensation.
+    pub uncompensated_rms_um: f64,
+    /// With a model of all the other runs; none where there are none.
+    pub rms_um: Option<f64>,
+    /// With a model of the other machines' runs; none where there are none.
+    pub other_machines_rms_um: Option<f64>,
+}
+
+impl RunProducts {
+    /// Of each run of a campaign. `machine` tells its runs from those of others.
+    ///
+    /// # Errors
+    /// Settings of another method than `whitened` with every sensor, or a run without a row in which all is there.
+    pub fn of(ready: &Ready<'_>, machine: &str, settings: &Settings) -> Result<RunProducts, String> {
+        settings.check()?;
+        if settings.method != Method::Whitened || settings.sensors.is_some() || settings.prior.is_some() {
+            return Err("products are kept for the method whitened, without a choice of sensors and without a prior: \
+                        what they become is decided when they are learnt from"
+                .to_owned());
+        }
+        let lags = if settings.lags.is_empty() { usual_lags() } else { settings.lags.clone() };
+        let campaign = &ready.campaign;
+        let bank = Bank::with_speeds(campaign, &lags, std::iter::empty());
+        bank.check_rows("every sensor", "the sensor")?;
+        let column = |candidate: &Candidate| {
+            let input = &campaign.inputs[candidate.input];
+            Column {
+                signal: input.name.clone(),
+                unit: input.unit.0.to_owned(),
+                lag_s: candidate.lag.map_or(0.0, |lag| lag.as_secs_f64()),
+                squared: candidate.squared,
+            }
+        };
+        let products = Products::of(&bank);
+        let runs = products.each().zip(&bank.runs).map(|((plain, white), run)| Run {
+            machine: machine.to_owned(),
+            run: run.name.clone(),
+            plain: Sums::of(plain),
+            white: Sums::of(white),
+        });
+        Ok(RunProducts {
+            axis: ready.axis.clone(),
+            settle_s: campaign.machine.settle.as_secs_f64(),
+            resample_s: campaign.resample.as_secs_f64(),
+            columns: bank.candidates.iter().map(column).collect(),
+            runs: runs.collect(),
+        })
+    }
+
+    /// As a file: JSON, with a seal over all of it.
+    ///
+    /// # Errors
+    /// A number that JSON does not have.
+    pub fn to_json(&self) -> Result<String, String> {
+        let file = File {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            sha256: self.seal()?,
+            products: self.clone(),
+        };
+        serde_json::to_string(&file).map_err(|why| why.to_string())
+    }
+
+    /// From such a file.
+    ///
+    /// # Errors
+    /// It is none, or was changed since.
+    pub fn from_json(bytes: &[u8]) -> Result<RunProducts, String> {
+        let head: Head =
+            serde_json::from_slice(bytes).map_err(|why| format!("no products of runs: {why}"))?;
+        if head.format.as_deref() != Some(FORMAT) {
+            return Err(format!("no products of runs: its format is not \"{FORMAT}\""));
+        }
+        if head.version != Some(VERSION) {
+            return Err(format!("products of another version: this program reads version {VERSION}"));
+        }
+        let file: File =
+            serde_json::from_slice(bytes).map_err(|why| format!("no products of runs: {why}"))?;
+        if file.sha256 != file.products.seal()? {
+            return Err(
+                "its seal does not fit: it was changed, or damaged; keep the products of the records anew"
+                    .to_owned(),
+            );
+        }
+        let width = file.products.columns.len();
+        let is_right = |run: &Run| run.plain.has(width) && run.white.has(width);
+        match file.products.runs.iter().find(|run| !is_right(run)) {
+            Some(run) => Err(format!("run {} has products of another number of columns", run.run)),
+            None => Ok(file.products),
+        }
+    }
+
+    fn seal(&self) -> Result<String, String> {
+        serde_json::to_vec(self).map(|bytes| sha256(&bytes)).map_err(|why| why.to_string())
+    }
+
+    /// The runs: their machines and their names.
+    pub fn runs(&self) -> impl ExactSizeIterator<Item = (&str, &str)> {
+        self.runs.iter().map(|run| (run.machine.as_str(), run.run.as_str()))
+    }
+
+    /// The runs of another file as well. The order of its columns does not matter.
+    ///
+    /// # Errors
+    /// They are not of the same columns, or one of them is here already; nothing is added then.
+    pub fn add(&mut self, other: &RunProducts) -> Result<(), String> {
+        self.fits(other)?;
+        let place = |column: &Column| other.columns.iter().position(|own| own == column);
+        let places: Vec<usize> = self.columns.iter().filter_map(place).collect();
+        let in_order = |sums: &Sums| Sums::of(&sums.gram().of_columns(&places));
+        self.runs.extend(other.runs.iter().map(|run| Run {
+            plain: in_order(&run.plain),
+            white: in_order(&run.white),
+            ..run.clone()
+        }));
+        Ok(())
+    }
+
+    /// Whether sums of both mean the same.
+    fn fits(&self, other: &RunProducts) -> Result<(), String> {
+        let (own, others) = (self.machines(), other.machines());
+        if self.axis != other.axis {
+            return Err(format!(
+                "the products of {own} are of axis {}, those of {others} of axis {}: one model compensates one axis",
+                self.axis, other.axis
+            ));
+        }
+        for (what, own_s, other_s) in [
+            ("references are the mean of the first", self.settle_s, other.settle_s),
+            ("rows are means over", self.resample_s, other.resample_s),
+        ] {
+            if own_s.to_bits() != other_s.to_bits() {
+                return Err(format!(
+                    "{what} {own_s} s in the products of {own}, and {other_s} s in those of {others}: keep both alike"
+                ));
+            }
+        }
+        for ((one, columns), (another, theirs)) in [
+            ((&own, &self.columns), (&others, &other.columns)),
+            ((&others, &other.columns), (&own, &self.columns)),
+        ] {
+            let lacking = columns.iter().filter(|column| !theirs.contains(column));
+            let lacking: Vec<String> = lacking.map(Column::shown).collect();
+            if let Some(first) = lacking.first() {
+                let more = match lacking.len() {
+                    1 => String::new(),
+                    all => format!(" and {} more", all - 1),
+                };
+                return Err(format!(
+                    "the products of {one} have the column {first}{more}, those of {another} do not: a fleet has the same \
+                     signals in the same units through the same lags"
+                ));
+            }
+        }
+        let twice = other.runs().find(|run| self.runs().any(|own| own == *run));
+        match twice {
+            Some((machine, run)) => Err(format!("run {run} of {machine} is in both: each run counts once")),
+            None => Ok(()),
+        }
+    }
+
+    fn machines(&self) -> String {
+        let mut names: Vec<&str> = self.runs().map(|(machine, _)| machine).collect();
+        names.dedup();
+        names.join(", ")
+    }
+
+    /// A model of all runs, by the method `whitened`: penalties are chosen on runs that were left out. And how models of the
+    /// others leave each run.
+    pub fn learn(&self) -> FleetModel {
+        let grams = |of: fn(&Run) -> &Sums| self.runs.iter().map(|run| of(run).gram()).collect();
+        let products = Products::kept(grams(|run| &run.plain), grams(|run| &run.white));
+        let bank = self.bank();
+        let every: Vec<usize> = (0..self.columns.len()).collect();
+        let learnt = |runs: &[usize]| fit(&products, runs, &every, &bank);
+        let all: Vec<usize> = (0..self.runs.len()).collect();
+        let left = |out: usize| {
+            let run = &self.runs[out];
+            let rms = |power: f64| (power / run.plain.rows.max(1.0)).sqrt();
+            let left = |learns: &dyn Fn(usize) -> bool| {
+                let from: Vec<usize> = all.iter().copied().filter(|run| learns(*run)).collect();
+                let gains = (!from.is_empty()).then(|| learnt(&from).gains)?;
+                Some(rms(products.plain(&[out]).left(&DVector::from_vec(gains))))
+            };
+            RunLeft {
+                machine: run.machine.clone(),
+                run: run.run.clone(),
+                uncompensated_rms_um: rms(run.plain.power),
+                rms_um: left(&|other| other != out),
+                other_machines_rms_um: left(&|other| self.runs[other].machine != run.machine),
+            }
+        };
+        let Fitted { gains, halves } = learnt(&all);
+        let term = |(place, (column, gain)): (usize, (&Column, f64))| FleetTerm {
+            signal: column.signal.clone(),
+            unit: column.unit.clone(),
+            lag_s: column.lag_s,
+            squared: column.squared,
+            gain,
+            halves: halves.as_ref().and_then(|halves| halves.get(place).copied()),
+        };
+        FleetModel {
+            axis: self.axis.clone(),
+            terms: self.columns.iter().zip(gains).enumerate().map(term).collect(),
+            runs: all.iter().map(|run| left(*run)).collect(),
+            settle_s: self.settle_s,
+        }
+    }
+
+    /// The columns, without their rows.
+    fn bank(&self) -> Bank {
+        let mut signals: Vec<&str> = Vec::new();
+        let mut is_speed = Vec::new();
+        let mut candidates = Vec::new();
+        for column in &self.columns {
+            let known = signals.iter().position(|name| *name == column.signal);
+            let input = known.unwrap_or(signals.len());
+            if known.is_none() {
+                signals.push(&column.signal);
+                is_speed.push(column.is_speed());
+            }
+            let lag = Duration::try_from_secs_f64(column.lag_s).ok().filter(|lag| !lag.is_zero());
+            candidates.push(Candidate { squared: column.squared, ..Candidate::new(input, lag) });
+        }
+        Bank { candidates, is_speed, runs: Vec::new() }
+    }
+}
+
+impl Column {
+    fn is_speed(&self) -> bool {
+        self.unit == "rpm"
+    }
+
+    fn shown(&self) -> String {
+        let square = if self.squared { "²" } else { "" };
+        let lag = humantime::format_duration(Duration::try_from_secs_f64(self.lag_s).unwrap_or_default());
+        format!("{}{square} ({}) through {lag}", self.signal, self.unit)
+    }
+}
+
+impl Sums {
+    fn of(gram: &Gram) -> Sums {
+        let width = gram.cross.len();
+        let square = (0..width).flat_map(|row| (0..=row).map(move |column| gram.square[(row, column)]));
+        Sums {
+            square: square.collect(),
+            cross: gram.cross.as_slice().to_vec(),
+            power: gram.power,
+            rows: gram.rows,
+        }
+    }
+
+    /// Of so many columns.
+    fn has(&self, width: usize) -> bool {
+        self.cross.len() == width && self.square.len() == width * (width + 1) / 2
+    }
+
+    fn gram(&self) -> Gram {
+        let width = self.cross.len();
+        let place = |row: usize, column: usize| {
+            let (low, high) = (row.min(column), row.max(column));
+            self.square.get(high * (high + 1) / 2 + low).copied().unwrap_or_default()
+        };
+        Gram {
+            square: DMatrix::from_fn(width, width, place),
+            cross: DVector::from_column_slice(&self.cross),
+            power: self.power,
+            rows: self.rows,
+        }
+    }
+}
+
+impl FleetModel {
+    /// The `[[axis.….model]]` block of a profile, ready to paste.
+    #[must_use]
+    pub fn block(&self) -> String {
+        let term = |term: &FleetTerm| TermFound {
+            signal: term.signal.clone(),
+            lag_s: term.lag_s,
+            gain: term.gain,
+            unit: String::new(),
+            se: None,
+            largest_um: 0.0,
+            inflation: None,
+            slope: false,
+            squared: term.squared,
+            is_speed: term.unit == "rpm",
+        };
+        let terms: Vec<TermFound> = self.terms.iter().map(term).collect();
+        let runs = self.runs.len();
+        format!(
+            "# Cz = −e, learnt from the products of {runs} runs.\n\
+             # No envelope and no stand-ins: products do not say where the inputs were.\n\
+             [[axis.{}.model]]\nname = \"fleet\"\n{}\n{}\n",
+            self.axis,
+            written::sum(&terms, None),
+            written::identified_with(self.settle_s)
+        )
+    }
+}
