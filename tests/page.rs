@@ -6,6 +6,8 @@
 
 use std::process::Command;
 
+#[path = "page/frozen.rs"]
+mod frozen;
 mod process;
 
 use process::{Running, isotherm};
@@ -16,6 +18,11 @@ fn looked_at(demo: &[&str], view: &str, words: &[&str]) -> String {
     let mut running = isotherm(home.path());
     let mut running = Running::start(running.args(["demo", "--listen", "127.0.0.1:0"]).args(demo));
     let address = running.hears("page  http://").trim_start_matches("page  ").to_owned();
+    look(&address, view, words)
+}
+
+/// What a person sees at this address once the words are there.
+fn look(address: &str, view: &str, words: &[&str]) -> String {
     let look = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/interop/look.py");
     let seen = Command::new("python3").arg(look).arg(format!("{address}{view}")).args(words).output();
     let seen = seen.unwrap_or_else(|error| panic!("no python3 ({error}): `tests/run page` installs it"));
@@ -74,6 +81,28 @@ fn how_wrong_cz_is_expected_to_be_stands_beside_it_and_on_the_wall() {
         ("language:zh", "预计误差在 ± 2.1 µm 以内"),
     ] {
         looked_at(&set, "", &[language, word, "size:390x844", whole]);
+    }
+}
+
+/// The gateway goes on saying it: what Cz is on its way to is not what is believed to be that right.
+#[test]
+fn how_wrong_cz_is_expected_to_be_is_not_said_while_a_step_or_the_rate_holds_it_back() {
+    let model = "axis.z.model=[{ name = \"difference\", kind = \"linear\", expected = { since_datum = [0.0, 4.41] }, terms = [\
+                 { signal = \"bed\", gain = 2.4, reference = 0.0 }, { signal = \"wheelhead\", gain = -2.4, reference = 0.0 }] }]";
+    // It asks for so much that it takes hours to come there.
+    let model = model.replace("terms = [", "offset = 30, terms = [");
+    for (stage, least) in [("step", "0.1"), ("rate", "0.01")] {
+        let slow = format!("axis.z.{stage}={least}");
+        let set = ["--set", &model, "--set", &slow, "--speed", "60", "--for", "24h"];
+        let said = format!(
+            "eval:(() => {{ const ask = new XMLHttpRequest(); ask.open('GET', '/api/status', false); ask.send(); \
+             const axis = JSON.parse(ask.responseText).axes[0]; return axis.state === 'active' && axis.acted.includes('{stage}') \
+             && axis.expected_um > 2; }})()"
+        );
+        let shown = format!("● {stage}");
+        let hidden = "eval:document.querySelector('.expected').textContent === ''";
+        looked_at(&set, "", &["compensating", &shown, &said, hidden]);
+        looked_at(&set, "/?view=wall", &["compensating", &said, hidden]);
     }
 }
 

@@ -1,6 +1,6 @@
 //! Sensors that others stand in for, for people and for programs.
 
-use crate::observe::events::{Event, StandIn};
+use crate::observe::events::{Event, StandIn, others};
 use crate::observe::status::StoodInStatus;
 use isotherm_core::compensation::{Decision, Distrusted, StoodIn};
 use isotherm_core::quantity::Moment;
@@ -10,7 +10,7 @@ use isotherm_profile::Profile;
 /// `bed frozen, taken from 5 others`.
 pub(super) fn message(profile: &Profile, found: &StoodIn) -> String {
     let is = if found.frozen { "frozen" } else { "lost" };
-    format!("{} {is}, taken from {} others", profile.signal(found.signal).name, found.others)
+    format!("{} {is}, taken from {}", profile.signal(found.signal).name, others(found.others))
 }
 
 /// A sensor that was reported, and how.

@@ -29,6 +29,7 @@ pub use handshake::HandshakeFault;
 pub use journal::{Entry, Journal};
 pub use page::{PagePort, PageToken};
 pub use stand_in::StandIn;
+pub(crate) use stand_in::others;
 
 /// Something that happened, in the names of the profile. Its fields are its data for programs.
 #[derive(Clone, Debug, PartialEq, Serialize)]

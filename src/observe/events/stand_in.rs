@@ -36,14 +36,19 @@ pub enum StandIn {
     },
 }
 
+/// `1 other`, `5 others`.
+pub(crate) fn others(count: usize) -> String {
+    format!("{count} other{}", if count == 1 { "" } else { "s" })
+}
+
 impl StandIn {
     pub(super) fn described(&self) -> Described {
         match self {
-            StandIn::Taken { axis, signal, frozen, span, others } => {
+            StandIn::Taken { axis, signal, frozen, span, others: count } => {
                 let (kind, is) = if *frozen { ("frozen", "frozen") } else { ("stood-in", "lost") };
                 let span = humantime::format_duration(Duration::from_secs(span.as_secs()));
-                let taken = match others {
-                    Some(others) => format!("taken from {others} others"),
+                let taken = match count {
+                    Some(count) => format!("taken from {}", others(*count)),
                     None => "and used for nothing: nobody stands in for it".to_owned(),
                 };
                 warning(kind, format!("axis {axis}: {signal} {is} for {span}, {taken}"))

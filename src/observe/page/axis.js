@@ -2,20 +2,11 @@
 
 import { Probe } from "./probe.js";
 import { Sign } from "./sign.js";
-import { axisState, badge, expected } from "./states.js";
-import { clock, day, element, fixed, say, signed, span, titled } from "./text.js";
+import { axisState, badge, expected, standsIn } from "./states.js";
+import { element, fixed, say, signed, span, titled } from "./text.js";
 import { english, known, t } from "./words.js";
 
 const STAGES = ["limit", "deadband", "step", "rate", "round"];
-
-// Of which sensor the others say what it would read, and since when; empty where the axis waits for something else.
-function standsIn({ state, stood_in: found }) {
-  if (state !== "degraded" || !found) return "";
-  const { signal, since, others } = found;
-  const [at, today] = [new Date(since), day(new Date())];
-  const time = day(at) === today ? clock(at, false) : `${day(at)} ${clock(at, false)}`;
-  return t(found.frozen ? "stood_in_frozen" : "stood_in_lost", { signal, others, time });
-}
 
 class Card {
   constructor(axis, command) {
@@ -63,7 +54,9 @@ class Card {
     const uneasy = tone === "good" && (axis.warned || axis.extrapolating);
     badge(this.state, uneasy ? "warn" : tone, name);
     const warned = axis.warned ? t("warned", { um: fixed(axis.warn_um, 0) }) : "";
-    const why = [standsIn(axis) || axis.why || axis.extrapolating?.text, warned].filter(Boolean).join("; ");
+    const stands = standsIn(axis, status);
+    const why = [stands || axis.why || axis.extrapolating?.text, warned].filter(Boolean).join("; ");
+    this.why.lang = stands ? document.documentElement.lang : "en";
     say(this.does, why ? `${sentence}:` : sentence);
     say(this.why, why);
     this.waiting.hidden = axis.waiting === null;

@@ -1,6 +1,6 @@
 // A sign, a tone, a word and a sentence for every state. The sign and the text carry the meaning, the tone repeats it.
 
-import { fixed, labelled, say } from "./text.js";
+import { clock, day, fixed, labelled, say } from "./text.js";
 import { known, t } from "./words.js";
 
 export const SIGNS = { good: "●", warn: "▲", bad: "■", off: "○" };
@@ -27,6 +27,15 @@ export function expected(axis) {
   return t("expected", { um: fixed(axis.expected_um, 1) });
 }
 
+// Of which sensor the others say what it would read, and since when; empty where the axis waits for something else.
+export function standsIn({ state, stood_in: found }, { now }) {
+  if (state !== "degraded" || !found) return "";
+  const at = new Date(found.since);
+  const time = day(at) === day(new Date(now)) ? clock(at, false) : `${day(at)} ${clock(at, false)}`;
+  const others = found.others === 1 ? t("one_other") : t("some_others", { count: found.others });
+  return t(found.frozen ? "stood_in_frozen" : "stood_in_lost", { signal: found.signal, others, time });
+}
+
 const OUTPUT = {
   verified: "good", unverified: "warn", unknown: "off", interlocked: "warn", foreign: "bad", off: "off",
 };
@@ -48,7 +57,7 @@ export function overall(status) {
   const worst = WORST.find((state) => inState(state).length);
   const [off, unmodelled] = [inState("off"), inState("unmodelled")];
   const why = (state) => {
-    const reason = inState(state).map((axis) => axis.why).find((text) => text) ?? "";
+    const reason = inState(state).map((axis) => standsIn(axis, status) || axis.why).find((text) => text) ?? "";
     return `${names(inState(state))}: ${known("does", state)}${reason ? ` (${reason})` : ""}.`;
   };
   const foreign = status.outputs.find((output) => output.state === "foreign");

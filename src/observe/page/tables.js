@@ -60,13 +60,22 @@ const raw = (reason) => reason.match(/\(raw [^)]+\)/)?.[0] ?? "";
 const reason = ({ quality, reason }) =>
   document.documentElement.lang === "en" ? reason || quality : `${known("reason", quality)} ${raw(reason)}`.trim();
 
+// A signal that reads well may be one that no axis believes: the others say what it would read.
+function believed({ name, quality }, { axes }) {
+  if (quality !== "good") return ["bad", t("not_usable")];
+  const found = axes.find((axis) => axis.stood_in?.signal === name)?.stood_in;
+  if (!found) return ["good", t("good")];
+  return ["warn", t(found.frozen ? "frozen" : "not_believed")];
+}
+
 export function showTables(status) {
   for (const signal of status.signals) {
     const good = signal.quality === "good";
+    const [tone, word] = believed(signal, status);
     signals.row(signal.name, [
       title(signal, signal.device),
       { text: quantity(signal.value, signal.unit), figure: true },
-      { text: t(good ? "good" : "not_usable"), tone: good ? "good" : "bad", small: good ? "" : reason(signal) },
+      { text: word, tone, small: good ? "" : reason(signal) },
       { text: signal.age_s === null ? t("never") : span(signal.age_s), figure: true },
     ]);
   }
