@@ -202,15 +202,19 @@ impl Wire for WaitingWire {
 /// Whether a change leaves that waits so long on its line. The model reads the wheelhead alone, which has been lost for two
 /// minutes by then: the bed says what it would read. Cz is on its way all the time, so that every decision is a change.
 fn leaves_after(waits: Duration, more: &str) -> bool {
+    // On a device of its own, so that its last reading grows old.
     let lost = "
         [[fault]]
-        device = \"thermocouples\"
-        kind = \"nan\"
-        signal = \"wheelhead\"
+        device = \"case\"
+        kind = \"silent\"
         at = \"5min\"";
-    let slow = patient().replace("rate = 0.5", "rate = 0.05");
+    let own = "[bus.case]\ntype = \"modbus-tcp\"\naddress = \"127.0.0.1:1506\"\ntimeout = \"100ms\"\n\
+               [device.case]\nbus = \"case\"\nunit = 1\nevery = \"1s\"\n[signal.wheelhead]\ndevice = \"case\"";
+    let text = patient()
+        .replace("rate = 0.5", "rate = 0.05")
+        .replace("[signal.wheelhead]\ndevice = \"thermocouples\"", own);
     let model = "offset = 39.0\nterms = [ { signal = \"wheelhead\", gain = -0.1, reference = \"start\" } ]";
-    let profile = bench(&slow, model, STAND_INS);
+    let profile = bench(&text, model, STAND_INS);
     let left = Arc::new(Mutex::new(None));
     let trace = block_on(async {
         let faults = FaultScript::parse(&format!("{lost}{more}"), &profile).unwrap();
