@@ -118,7 +118,7 @@ pub(super) struct Arguments {
     second: Vec<String>,
     #[command(flatten)]
     runs: Runs,
-    /// Writes the [[axis.…model]] block, with its envelope beside it
+    /// Writes the [[axis.…model]] block, and beside it the files that it names
     #[arg(long, value_name = "MODEL.toml")]
     write: Option<PathBuf>,
     /// Writes a page with pictures that can be sent to anyone: one file, opened by any browser

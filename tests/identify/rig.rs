@@ -6,7 +6,7 @@ use isotherm_identify::dataset::{BadLog, Dataset, Split, every_column};
 use isotherm_identify::method::Settings;
 use isotherm_identify::setup::{Choice, Ready, ready};
 use isotherm_identify::{Identified, identify};
-use isotherm_profile::Profile;
+use isotherm_profile::{Profile, ProfileError};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
@@ -137,7 +137,14 @@ pub(crate) fn pasted(text: &str, files: &[(String, String)]) -> Profile {
     }
     let path = directory.path().join("pasted.toml");
     std::fs::write(&path, text).unwrap();
-    isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}\n{text}")).profile
+    let loaded = isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}\n{text}"));
+    let of_model = loaded.warnings.iter().filter(|warning| warning.key.starts_with("axis.z.model"));
+    assert_eq!(
+        of_model.collect::<Vec<_>>(),
+        Vec::<&ProfileError>::new(),
+        "what is written is taken without a word: {text}"
+    );
+    loaded.profile
 }
 
 /// The logs of these days in a directory, in order.

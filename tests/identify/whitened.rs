@@ -99,6 +99,21 @@ fn the_block_names_its_halves_its_stand_ins_and_what_to_expect_and_a_profile_tak
 }
 
 #[test]
+fn what_follows_its_halves_outside_is_the_model_that_has_some_and_any_other_says_that_it_warns() {
+    let outside = |count: u64, wanted: Outside| -> Vec<String> {
+        let block = written(&found(4, &logs(&days(count, 11, 1.0)), &Settings::default()), "z", wanted);
+        rig::pasted(&rig::profile_with(4, &block.block), &block.files);
+        let lines = block.block.lines().filter_map(|line| line.strip_prefix("outside = "));
+        lines.map(str::to_owned).collect()
+    };
+    assert!(outside(1, Outside::Agree).iter().all(|word| word == "\"warn\""));
+    let four = outside(4, Outside::Agree);
+    assert_eq!(four[0], "\"agree\"");
+    assert!(four[1..].iter().all(|word| word == "\"warn\""), "{four:?}");
+    assert!(outside(4, Outside::Hold).iter().all(|word| word == "\"hold\""));
+}
+
+#[test]
 fn a_model_without_an_envelope_has_no_halves_and_lags_without_none_have_both() {
     let lags = [6, 25].map(|minutes| Some(Duration::from_mins(minutes))).to_vec();
     let mut found = found(4, &logs(&days(4, 11, 1.0)), &Settings { lags, ..Settings::default() });

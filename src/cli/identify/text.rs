@@ -50,11 +50,11 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
         let is_tiny = term.gain.abs() < 1e-3;
         let gain = if is_tiny { format!("{:+10.2e}", term.gain) } else { format!("{:+10.4}", term.gain) };
         let se = match term.se {
-            None => "–".to_owned(),
-            Some(se) if is_tiny => format!("{se:.2e}"),
-            Some(se) => format!("{se:.4}"),
+            None => String::new(),
+            Some(se) if is_tiny => format!("± {se:.2e}"),
+            Some(se) => format!("± {se:.4}"),
         };
-        writeln!(out, "    {gain} ± {se:8} {:7}  {:width$}  {lag}", term.unit, term.signal)?;
+        writeln!(out, "    {gain} {se:10} {:7}  {:width$}  {lag}", term.unit, term.signal)?;
     }
     if terms.len() > MOST_TERMS {
         writeln!(out, "    … and {} smaller ones", terms.len() - MOST_TERMS)?;
