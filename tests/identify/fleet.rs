@@ -97,7 +97,7 @@ fn products_that_do_not_mean_the_same_are_not_added_and_why_is_said() {
     let fewer = Choice { without: vec!["s3".to_owned()], ..choice() };
     refused(
         &kept("mill-2", &days[1..], &fewer),
-        &["the products of mill-1 have the column s3 (degC) through 0s and 3 more, those of mill-2 do not"],
+        &["the products of mill-1 have the column s3 (degC) at once and 3 more, those of mill-2 do not"],
     );
     let slower = Choice { resample: std::time::Duration::from_mins(5), ..choice() };
     refused(&kept("mill-2", &days[1..], &slower), &["rows are means over 60 s", "300 s in those of mill-2"]);

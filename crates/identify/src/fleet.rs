@@ -4,7 +4,7 @@
 //! machine 1:  records ── RunProducts::of ── file ──┐
 //! machine 2:  records ── RunProducts::of ── file ──┴── add ── learn ── FleetModel ── block
 //! ```
-//! `whitened` needs no more of a run than the sums of products of its columns: some hundred kB, however long it was. They
+//! `whitened` needs no more of a run than the sums of products of its columns: less than 100 kB for sixteen sensors, however long it was. They
 //! depend on nothing but the run, so what is learnt from runs that were kept one by one is what is learnt from their records
 //! at once, to the last bit; unless a faulty sensor was mended with the help of other runs.
 //!
@@ -358,8 +358,12 @@ impl Column {
 
     fn shown(&self) -> String {
         let square = if self.squared { "²" } else { "" };
-        let lag = humantime::format_duration(Duration::try_from_secs_f64(self.lag_s).unwrap_or_default());
-        format!("{}{square} ({}) through {lag}", self.signal, self.unit)
+        let lag = Duration::try_from_secs_f64(self.lag_s).unwrap_or_default();
+        let lag = match lag.is_zero() {
+            true => "at once".to_owned(),
+            false => format!("through {}", humantime::format_duration(lag)),
+        };
+        format!("{}{square} ({}) {lag}", self.signal, self.unit)
     }
 }
 
