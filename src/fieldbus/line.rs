@@ -70,6 +70,8 @@ pub struct DeviceLine {
     /// Answers do not name their questions.
     is_nameless: bool,
     pipeline: Pipeline,
+    /// What the last answer took.
+    took: Duration,
     spoke: bool,
     misses: u32,
     /// Closed by us after an answer.
@@ -150,7 +152,10 @@ impl DeviceLine {
             units,
             owed,
             is_nameless: false,
-            pipeline: Pipeline::new(bus.pipeline > 1),
+            pipeline: Pipeline::new(
+                bus.pipeline > 1 && devices.iter().all(|(_, device)| device.quirks.bear_two()),
+            ),
+            took: Duration::ZERO,
             spoke: false,
             misses: 0,
             is_put_down: false,
@@ -233,9 +238,10 @@ impl DeviceLine {
         Some(owed.max(rests).unwrap_or_default().max(self.looked()))
     }
 
-    /// Whether a read may go out behind another question.
-    pub fn is_pipelined(&self) -> bool {
-        self.pipeline.is_on()
+    /// What is due by then may go out behind a question that leaves now: before that is answered it is its turn. `None`
+    /// where nothing may.
+    pub fn takes_along(&self, now: Moment) -> Option<Moment> {
+        self.pipeline.is_on().then(|| now.after(self.took))
     }
 
     /// This read goes out behind the next question, if that leaves on a connection there is; whoever asks it next is given
@@ -291,17 +297,19 @@ impl DeviceLine {
         let mut was_connected = self.wire.is_some();
         let mut first_asked = None;
         let answer = loop {
-            let mut are_two = false;
+            let (mut are_two, mut is_second) = (false, false);
             let begun = self.tap.begin();
             self.departure.next(request, leave);
             let mut answer = self.make_ready(place, request, now).await;
             if answer.is_ok()
                 && let Some(connection) = &mut self.wire
             {
-                if let read @ Some(_) = self.pipeline.take() {
-                    connection.wire().ask_behind(read);
+                if self.pipeline.is_on() {
+                    // What went out behind another question is asked for, or something goes out behind this one.
+                    is_second = connection.wire().has_behind();
+                    connection.wire().ask_behind(self.pipeline.take());
+                    are_two = is_second || connection.wire().has_behind();
                 }
-                are_two = self.pipeline.is_on() && connection.wire().has_behind();
                 let span = self.timeout + connection.wire().time_under_way(request);
                 self.departure.begins(span);
                 let exchanged = {
@@ -310,6 +318,7 @@ impl DeviceLine {
                     self.patience.within(span, exchange).await
                 };
                 let took = self.departure.took();
+                self.took = took;
                 for late in connection.wire().heard_late() {
                     self.owed.entry(late).and_modify(Owed::distrust);
                 }
@@ -333,7 +342,7 @@ impl DeviceLine {
                 self.tap.tell(begun, (device, number), request, &answer);
             }
             if are_two
-                && self.pipeline.judge(&answer)
+                && self.pipeline.judge(is_second, &answer)
                 && let (Some(witness), Err(fault)) = (&self.witness, &answer)
             {
                 witness.gives_up_pipeline(*fault);

@@ -35,14 +35,16 @@ impl Pipeline {
         self.read.take()
     }
 
-    /// What came to one of two questions. Whether they go out one at a time from now on.
-    pub(super) fn judge(&mut self, answer: &Result<Answer, Fault>) -> bool {
+    /// What came to the first of two questions, or to the second. Whether they go out one at a time from now on.
+    pub(super) fn judge(&mut self, is_second: bool, answer: &Result<Answer, Fault>) -> bool {
         match answer {
             Err(Fault::Peer(_)) => self.lost = IN_A_ROW,
             Err(Fault::Timeout | Fault::Link(_)) => self.lost += 1,
             // One that did not leave says nothing.
             Err(Fault::Caller(_)) => {}
-            Ok(_) | Err(Fault::Exception(_) | Fault::Aborted(_)) => self.lost = 0,
+            // The first one is answered by a device that loses the second, too.
+            Ok(_) | Err(Fault::Exception(_) | Fault::Aborted(_)) if is_second => self.lost = 0,
+            Ok(_) | Err(Fault::Exception(_) | Fault::Aborted(_)) => {}
         }
         let is_over = self.is_on && self.lost >= IN_A_ROW;
         self.is_on &= !is_over;
@@ -57,19 +59,23 @@ mod tests {
 
     #[test]
     fn a_wrong_answer_ends_it_at_once_and_lost_ones_where_nothing_good_comes_between() {
-        let good = Ok(Answer::Done);
-        let foreign = Err(Fault::Peer(PeerFault::Foreign));
+        let good = (true, Ok(Answer::Done));
+        let first = (false, Ok(Answer::Done));
+        let foreign = (false, Err(Fault::Peer(PeerFault::Foreign)));
+        let lost = (true, Err(Fault::Timeout));
+        let broken = (false, Err(Fault::BROKEN));
         for (answers, ends) in [
-            (vec![foreign.clone()], true),
-            (vec![Err(Fault::Timeout), Err(Fault::BROKEN)], false),
-            (vec![Err(Fault::Timeout), Err(Fault::BROKEN), Err(Fault::Timeout)], true),
-            (vec![Err(Fault::Timeout), Err(Fault::Timeout), good.clone(), Err(Fault::Timeout)], false),
-            (vec![Err(Fault::Exception(4)); 5], false),
+            (vec![&foreign], true),
+            (vec![&lost, &broken], false),
+            (vec![&lost, &broken, &lost], true),
+            (vec![&first, &lost, &first, &lost, &first, &lost], true),
+            (vec![&lost, &lost, &good, &lost], false),
+            (vec![&(true, Err(Fault::Exception(4))); 5], false),
         ] {
             let mut pipeline = Pipeline::new(true);
-            let ended = answers.iter().filter(|answer| pipeline.judge(answer)).count();
+            let ended = answers.iter().filter(|(second, answer)| pipeline.judge(*second, answer)).count();
             assert_eq!((ended, pipeline.is_on()), (usize::from(ends), !ends), "{answers:?}");
         }
-        assert!(!Pipeline::new(false).judge(&foreign), "what was never on is not given up");
+        assert!(!Pipeline::new(false).judge(false, &foreign.1), "what was never on is not given up");
     }
 }

@@ -188,13 +188,13 @@ impl LineTask {
                 Turn::Read(place) => self.read(place, now).await,
                 Turn::Step => self.step(now),
                 Turn::Output(place) => {
-                    let is_two = self.line.is_pipelined() && self.jobs[place].corrects.is_some();
-                    if is_two {
-                        self.line.ask_behind(self.reads_next(now));
+                    let along = self.line.takes_along(now).filter(|_| self.jobs[place].corrects.is_some());
+                    if let Some(by) = along {
+                        self.line.ask_behind(self.reads_next(by));
                     }
                     let turn = &mut LineTurn { line: &mut self.line, shared: &self.shared, now };
                     self.jobs[place].turn(turn).await;
-                    if is_two {
+                    if along.is_some() {
                         self.line.ask_behind(None);
                     }
                     self.pressed = 0;
@@ -307,9 +307,9 @@ impl LineTask {
         }
     }
 
-    /// The read whose turn comes after a corrected position.
-    fn reads_next(&self, now: Moment) -> Option<(DeviceId, Request<'static>)> {
-        self.polls.iter().min_by_key(|poll| poll.due())?.asks_next(now)
+    /// The read whose turn comes after a corrected position, if that is by then.
+    fn reads_next(&self, by: Moment) -> Option<(DeviceId, Request<'static>)> {
+        self.polls.iter().min_by_key(|poll| poll.due())?.asks_next(by)
     }
 
     /// The axes are looked at when a round of reads is over. One that is due waits for what it rests on, but not for

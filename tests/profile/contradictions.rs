@@ -394,3 +394,23 @@ fn what_a_control_applies_is_read_elsewhere_and_of_a_whole_offset_alone() {
     );
     assert!(reported(&with("{ register = \"input:112\", tolerance = -1.0 }")).contains("more than zero"));
 }
+
+#[test]
+fn two_questions_in_one_go_have_no_pause_between_them() {
+    let two = |number: u8, more: &str| {
+        GRINDER.replacen(
+            "type = \"modbus-tcp\"",
+            &format!("type = \"modbus-tcp\"\npipeline = {number}{more}"),
+            1,
+        )
+    };
+    let loaded = parse(&two(2, "")).unwrap();
+    assert_eq!(loaded.profile.buses[0].pipeline, 2);
+    assert_eq!(parse(GRINDER).unwrap().profile.buses[0].pipeline, 1);
+    only_error(&two(3, ""), "bus.cell.pipeline", "3");
+    for quirk in ["close_after_each = true", "pause_between_requests = \"20ms\""] {
+        let quirks = format!("\nquirks = {{ {quirk} }}");
+        let error = only_error(&two(2, &quirks), "bus.cell.pipeline", "2");
+        assert!(error.to_string().contains("neither a pause nor a connection"), "{error}");
+    }
+}

@@ -84,11 +84,11 @@ impl Poll {
         now.since(self.read_at) >= self.max_age / 2
     }
 
-    /// What it asks next, where that is due and no command goes before it.
-    pub(super) fn asks_next(&self, now: Moment) -> Option<(DeviceId, Request<'static>)> {
+    /// What it asks next, where that is due by then and no command goes before it.
+    pub(super) fn asks_next(&self, by: Moment) -> Option<(DeviceId, Request<'static>)> {
         let place = self.under_way.map_or(0, |(_, place)| place);
         let is_plain = self.again.is_none() && (place > 0 || self.captures.is_empty());
-        let request = self.requests.get(place).filter(|_| is_plain && self.due() <= now)?;
+        let request = self.requests.get(place).filter(|_| is_plain && self.due() <= by)?;
         Some((self.device, request.asks.into()))
     }
 

@@ -24,6 +24,9 @@ const LATE_TIMEOUTS: u32 = 2;
 const LONGEST_LATE: Duration = Duration::from_mins(10);
 /// Longest name of a network interface on Linux.
 const LONGEST_NAME: usize = 15;
+/// What `pipeline = 2` cannot be together with.
+pub(super) const APART: &str =
+    "two questions in one go have neither a pause nor a connection of their own between them";
 /// SYNC, where nothing else is said.
 const SYNC: u32 = 0x80;
 
@@ -245,11 +248,8 @@ impl RawBus {
         if !(1..=2).contains(&pipeline) {
             at.wrong(format!("{pipeline} is not possible"), "write 1 or 2");
         }
-        if pipeline > 1 && (quirks.close_after_each || !quirks.pause_between_requests.is_zero()) {
-            at.wrong(
-                "of two questions none can have a pause or a connection of its own, as the quirks of this bus want it",
-                "remove it, or the quirk",
-            );
+        if pipeline > 1 && !quirks.bear_two() {
+            at.wrong(APART, "remove it, or the quirk of this bus");
         }
         pipeline
     }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
-use super::bus::Transport;
+use super::bus::{APART, Transport};
 use super::label::{self, labelled};
 use super::quirks::{Quirks, RawQuirks};
 use super::{At, Check, dbc};
@@ -225,6 +225,9 @@ impl RawDevice {
         let line = bus.and_then(|bus| check.buses.get(bus));
         let over = line.map_or_else(Quirks::default, |line| line.quirks);
         let quirks = self.quirks.as_ref().map_or(over, |quirks| quirks.over(over));
+        if line.is_some_and(|line| line.pipeline > 1 && line.quirks.bear_two()) && !quirks.bear_two() {
+            at.key("quirks").wrong(APART, "remove the quirk, or `pipeline` of the bus");
+        }
         let on_can = self.is_on_can(check);
         let can = node::resolve(self, at, on_can);
         let unit = if on_can == Some(true) {

@@ -58,6 +58,13 @@ impl Default for Quirks {
     }
 }
 
+impl Quirks {
+    /// Neither a pause between two requests nor a connection of its own for each keeps two of them apart.
+    pub const fn bear_two(self) -> bool {
+        self.pause_between_requests.is_zero() && !self.close_after_each
+    }
+}
+
 impl RawQuirks {
     /// What is written, over what the bus says or what is usual.
     pub(super) fn over(&self, below: Quirks) -> Quirks {

@@ -74,12 +74,14 @@ impl Lag {
     pub fn follow(&mut self, input: &Input, snapshot: &Snapshot<'_>, machine: &Machine) {
         let Some(constant) = input.lag else { return };
         let Ok((value, reference)) = input.level(snapshot, machine) else { return };
-        let mut lagged = self.0.unwrap_or_else(|| Lagged::begin(value, reference, snapshot.now));
+        let lagged = self.0.get_or_insert_with(|| Lagged::begin(value, reference, snapshot.now));
         lagged.begin_from(input.reference, reference);
         lagged.advance(value, snapshot.now, constant);
         lagged.measure_from(input.reference, reference);
         // A reading of 1e308 may be believed by a profile without ranges; it must not stay for ever.
-        self.0 = lagged.follower.is_finite().then_some(lagged);
+        if !lagged.follower.is_finite() {
+            self.0 = None;
+        }
     }
 
     /// The lagged rise at this snapshot, whose reading and reference are these; `None` where it is no number.
@@ -118,6 +120,7 @@ impl Lagged {
     }
 
     /// The exact solution. Where no time has passed, or it ran back, the follower stays where it is.
+    #[inline]
     fn advance(&mut self, input: f64, now: Moment, constant: Duration) {
         let share = nanoseconds(now.since(self.at)) / nanoseconds(constant);
         if share > 0.0 {
