@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use crate::on_time::OnTime;
 use crate::process::{PATIENCE, Running, file, isotherm, until};
-use crate::rig::{EVERY, walker};
+use crate::rig::{EVERY, Machine, walker};
 
 const MACHINE: &str = include_str!("../interop/machine.toml");
 
@@ -17,6 +17,7 @@ fn both(output: &Output) -> (String, String) {
 
 #[test]
 fn a_limit_that_the_environment_makes_larger_keeps_the_gateway_from_starting_with_a_sentence() {
+    let _beside = Machine::beside();
     let home = tempfile::tempdir().unwrap();
     let profile = file(home.path(), "machine.toml", MACHINE);
     for (name, value, words) in [

@@ -22,6 +22,13 @@ pub(crate) struct Machine {
     pub(crate) gateway: Running,
 }
 
+/// As long as it lasts, its machine is held on time: else the test fails where it ends.
+pub(crate) struct Beside {
+    /// Looked at before the gateway ends.
+    _on_time: OnTime,
+    _machine: Machine,
+}
+
 impl Machine {
     /// A gateway with these arguments, under this limit of file descriptors, and with this in its profile.
     pub(crate) fn start(descriptors: Option<u32>, arguments: &[&str], web: &str) -> Machine {
@@ -37,6 +44,13 @@ impl Machine {
         command.arg("run").arg(&profile).args(arguments).arg("--state").arg(home.path());
         let gateway = Running::start(&mut command);
         Machine { home, device, profile, gateway }
+    }
+
+    /// One that is held on time beside what a test does elsewhere on this computer.
+    pub(crate) fn beside() -> Beside {
+        let machine = Machine::start(None, &[], "");
+        machine.is_held();
+        Beside { _on_time: machine.on_time(), _machine: machine }
     }
 
     /// Where the page listens, as the gateway says it.

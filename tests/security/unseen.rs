@@ -9,7 +9,7 @@ use std::process::Command;
 
 use crate::on_time::OnTime;
 use crate::process::{Running, file, isotherm, until};
-use crate::rig::{EVERY, walker};
+use crate::rig::{EVERY, Machine, walker};
 
 const MACHINE: &str = include_str!("../interop/machine.toml");
 const TOKEN: &str = "0123456789abcdef0123456789abcdef";
@@ -93,6 +93,7 @@ fn whoever_asks_over_http_or_the_socket_forges_no_line_of_the_log_nor_of_the_eve
 
 #[test]
 fn an_argument_that_is_none_steers_no_terminal() {
+    let _beside = Machine::beside();
     let home = tempfile::tempdir().unwrap();
     let hostile = format!("a\u{1b}[2J\n{FORGED}");
     for arguments in [
@@ -111,6 +112,7 @@ fn an_argument_that_is_none_steers_no_terminal() {
 
 #[test]
 fn a_profile_s_own_name_and_texts_steer_no_terminal() {
+    let _beside = Machine::beside();
     let home = tempfile::tempdir().unwrap();
     let directory = hostile(home.path());
     let name = "name = \"interop\"";

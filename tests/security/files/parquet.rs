@@ -15,6 +15,7 @@ fn kept(directory: &str) -> Vec<PathBuf> {
 
 #[test]
 fn every_parquet_file_that_was_kept_is_refused_or_read() {
+    let _home = Home::new();
     for path in kept("corpus/parquet").into_iter().chain(kept("security/bombs")) {
         let name = path.file_name().unwrap().to_str().unwrap();
         let seen = isotherm(&["report"], &path);
@@ -27,6 +28,7 @@ fn every_parquet_file_that_was_kept_is_refused_or_read() {
 
 #[test]
 fn what_is_wrong_with_a_parquet_file_is_said_in_a_sentence() {
+    let _home = Home::new();
     for (name, words) in [
         ("corpus/parquet/negative_length.parquet", ["column", "negative"]),
         ("corpus/parquet/no_dictionary.parquet", ["column", "a page has no head, or one that is damaged"]),

@@ -1,10 +1,15 @@
-//! Runs the program on a file, and measures what it takes.
+//! Runs the program on a file beside a gateway that holds a machine, and measures what it takes, also of that one's time.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// A directory for the files of one attack.
-pub(crate) struct Home(tempfile::TempDir);
+use crate::rig::{Beside, Machine};
+
+/// A directory for the files of one attack, and a machine that is held on time as long as it lasts.
+pub(crate) struct Home {
+    _beside: Beside,
+    files: tempfile::TempDir,
+}
 
 /// What came of it.
 pub(crate) struct Seen {
@@ -58,11 +63,11 @@ print(json.dumps({
 
 impl Home {
     pub(crate) fn new() -> Home {
-        Home(tempfile::tempdir().unwrap())
+        Home { _beside: Machine::beside(), files: tempfile::tempdir().unwrap() }
     }
 
     pub(crate) fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
+        self.files.path().join(name)
     }
 
     pub(crate) fn write(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
