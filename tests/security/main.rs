@@ -15,6 +15,7 @@ mod fake;
 mod files;
 mod https;
 mod layers;
+mod leaving;
 mod on_time;
 mod port;
 #[path = "../process/mod.rs"]

@@ -25,7 +25,7 @@ pub(crate) const BOTH: &str = "token_file = \"operator.token\"\nviewer_token_fil
 
 pub(crate) struct Site {
     /// Looked at before anything ends: whatever a test does here, the machine is held on time.
-    _on_time: OnTime,
+    on_time: Option<OnTime>,
     pub(crate) home: tempfile::TempDir,
     pub(crate) device: Device,
     pub(crate) profile: PathBuf,
@@ -90,7 +90,12 @@ impl Site {
         let port = page.rsplit(':').next().unwrap();
         let address = SocketAddr::from(([127, 0, 0, 1], port.parse().unwrap()));
         let on_time = OnTime::from_now(&device, TIMES.every);
-        Site { _on_time: on_time, home, device, profile, gateway, address }
+        Site { on_time: Some(on_time), home, device, profile, gateway, address }
+    }
+
+    /// Until now the machine was held on time; what comes, as a line that is cut, may keep it from that.
+    pub(crate) fn was_on_time(&mut self) {
+        drop(self.on_time.take());
     }
 
     /// A verb of this machine: its exit code, and all that it said.
