@@ -213,7 +213,7 @@ fn a_gateway_goes_to_nobody_but_its_devices_and_keeps_nothing_but_what_is_listed
     }
     let mut looks_on = site.connect(LOOKER);
     let live = format!(
-        "GET /api/live HTTP/1.1\r\nHost: {}\r\nUser-Agent: somebody-who-looks\r\n{}\r\n",
+        "GET /api/live HTTP/1.1\r\nHost: {}\r\nReferer: http://somebody-who-looks/\r\n{}\r\n",
         site.address,
         bearer(VIEWER)
     );
