@@ -12,8 +12,8 @@ use crate::process::{Running, file, isotherm};
 
 /// How often the device is polled.
 pub(crate) const EVERY: Duration = Duration::from_millis(200);
-const TIMES: Times =
-    Times { timeout: Duration::from_millis(100), every: EVERY, max_age: Duration::from_secs(1) };
+/// The device is in this process: where that is late, it is no device that does not answer, which is asked less and less.
+const TIMES: Times = Times { timeout: Duration::from_secs(1), every: EVERY, max_age: Duration::from_secs(5) };
 
 pub(crate) struct Machine {
     pub(crate) home: tempfile::TempDir,
