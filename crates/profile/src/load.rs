@@ -139,20 +139,7 @@ fn local_beside(path: &Path) -> PathBuf {
     path.with_extension("local.toml")
 }
 
-/// Reading takes several times the memory that a profile keeps, and what is kept would lie scattered among what is free
-/// again. A thread of its own has memory of its own, which goes back when what it found has been copied out.
 fn layered(
-    layers: &[(PathBuf, String)],
-    files: &Files<'_>,
-    settings: &[(String, String)],
-    environment: &[(String, String)],
-) -> Result<Loaded, Errors> {
-    let read = || read_layers(layers, files, settings, environment);
-    let found = std::thread::scope(|scope| scope.spawn(read).join());
-    found.unwrap_or_else(|panicked| std::panic::resume_unwind(panicked)).clone()
-}
-
-fn read_layers(
     layers: &[(PathBuf, String)],
     files: &Files<'_>,
     settings: &[(String, String)],
