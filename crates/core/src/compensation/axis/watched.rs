@@ -53,9 +53,11 @@ impl Axis {
         for ((model, lags), watched) in self.settings.models.iter().zip(&mut self.lags).zip(&mut self.watched)
         {
             let seen = Snapshot { instead: &watched.instead, ..*snapshot };
-            for (input, lag) in model.rises().zip(lags.iter_mut()) {
-                lag.follow(input, &seen, machine);
-            }
+            // By `for_each`, which takes the parts of a chain one after the other: this is most of what a step does.
+            let mut all = lags.iter_mut();
+            model.rises().for_each(|input| {
+                all.next().into_iter().for_each(|lag| lag.follow(input, &seen, machine));
+            });
             if let (Some(settings), Some(watch)) = (&model.stand_ins, &mut watched.watch) {
                 watch.follow((model, settings), lags, &seen, machine);
             }

@@ -50,7 +50,11 @@ impl Input {
     ///
     /// # Errors
     /// The signal cannot be used, its reference has not been captured, or its square is no finite number.
-    #[inline]
+    #[allow(
+        clippy::inline_always,
+        reason = "called for each lag of each step, and dear to hand over in memory"
+    )]
+    #[inline(always)]
     pub(in crate::compensation) fn level(
         &self,
         snapshot: &Snapshot<'_>,
