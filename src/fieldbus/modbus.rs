@@ -32,7 +32,7 @@ pub struct ModbusTcp {
     transaction: u16,
     question: Vec<u8>,
     /// What has come, up to `filled`.
-    received: [u8; 2 * LONGEST],
+    received: Box<[u8; 2 * LONGEST]>,
     filled: usize,
     behind: Behind,
 }
@@ -53,7 +53,7 @@ impl ModbusTcp {
             port: Tapped::new(port, tap),
             transaction: u16::from_le_bytes([low, high]),
             question: Vec::with_capacity(LONGEST),
-            received: [0; 2 * LONGEST],
+            received: Box::new([0; 2 * LONGEST]),
             filled: 0,
             behind: Behind::default(),
         }
@@ -77,7 +77,7 @@ impl ModbusTcp {
             departure.left(asked);
             return answer;
         }
-        match self.port.take_waiting(&mut self.received) {
+        match self.port.take_waiting(&mut *self.received) {
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {}
             Err(error) => return Err(tls_fault(&error).unwrap_or(Fault::CLOSED)),
             Ok(0) => return Err(Fault::CLOSED),

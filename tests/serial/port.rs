@@ -105,7 +105,17 @@ pub(crate) fn read(from: u16, count: u16) -> Request<'static> {
 pub(crate) fn bus(transport: Transport, address: &str, timeout: Duration) -> Bus {
     let quirks = Quirks::default();
     let (name, address) = ("rs485".to_owned(), address.to_owned());
-    Bus { name, transport, address, tls: None, timeout, late: transport.late(timeout), quirks, sync: None }
+    Bus {
+        name,
+        transport,
+        address,
+        tls: None,
+        timeout,
+        late: transport.late(timeout),
+        pipeline: 1,
+        quirks,
+        sync: None,
+    }
 }
 
 pub(crate) fn serial(baud: u32) -> Transport {
