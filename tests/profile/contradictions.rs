@@ -397,20 +397,22 @@ fn what_a_control_applies_is_read_elsewhere_and_of_a_whole_offset_alone() {
 
 #[test]
 fn two_questions_in_one_go_have_no_pause_between_them() {
-    let two = |number: u8, more: &str| {
-        GRINDER.replacen(
-            "type = \"modbus-tcp\"",
-            &format!("type = \"modbus-tcp\"\npipeline = {number}{more}"),
-            1,
-        )
-    };
-    let loaded = parse(&two(2, "")).unwrap();
-    assert_eq!(loaded.profile.buses[0].pipeline, 2);
+    let bus = "quirks = { pause_between_requests = \"5ms\", max_gap = 4 }";
+    let device = "quirks = { max_gap = 0 }";
+    assert!(GRINDER.contains(bus) && GRINDER.contains(device));
+    let plain = GRINDER.replacen(bus, "pipeline = 2", 1);
+    assert_eq!(parse(&plain).unwrap().profile.buses[0].pipeline, 2);
     assert_eq!(parse(GRINDER).unwrap().profile.buses[0].pipeline, 1);
-    only_error(&two(3, ""), "bus.cell.pipeline", "3");
+    only_error(&plain.replacen("pipeline = 2", "pipeline = 3", 1), "bus.cell.pipeline", "3");
     for quirk in ["close_after_each = true", "pause_between_requests = \"20ms\""] {
-        let quirks = format!("\nquirks = {{ {quirk} }}");
-        let error = only_error(&two(2, &quirks), "bus.cell.pipeline", "2");
-        assert!(error.to_string().contains("neither a pause nor a connection"), "{error}");
+        let quirks = format!("pipeline = 2\nquirks = {{ {quirk} }}");
+        let of_bus = only_error(&GRINDER.replacen(bus, &quirks, 1), "bus.cell.pipeline", "2");
+        let quirks = format!("quirks = {{ {quirk} }}");
+        let name = plain.split(device).next().unwrap().rsplit("[device.").next().unwrap();
+        let key = format!("device.{}.quirks", name.split(']').next().unwrap());
+        let of_device = only_error(&plain.replacen(device, &quirks, 1), &key, "{");
+        for error in [of_bus, of_device] {
+            assert!(error.to_string().contains("neither a pause nor a connection"), "{error}");
+        }
     }
 }

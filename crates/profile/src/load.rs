@@ -200,7 +200,7 @@ impl Loader<'_> {
         let (table, is_whole) = self.walk(layer).parsed(text);
         if is_whole {
             let schema = self.schema;
-            let right = self.walk(layer).table(schema, "", &table);
+            let right = self.walk(layer).table(schema, "", table);
             self.files += 1;
             self.layer(right);
         } else {
@@ -231,7 +231,7 @@ impl Loader<'_> {
         let path = keys.iter().fold(String::new(), |path, key| child(&path, key));
         self.spans.record(layer, &path, 0..0, 0..0);
         let value = scalar(&types(self.schema, schema), text);
-        if let Some(value) = self.walk(layer).value(schema, &path, &value) {
+        if let Some(value) = self.walk(layer).value(schema, &path, value) {
             let nest = |inner, key: &String| Value::Object(Map::from_iter([(key.clone(), inner)]));
             self.layer(keys.iter().rev().fold(value, nest));
         }
@@ -254,8 +254,10 @@ impl Loader<'_> {
             let templates = template::fill(&mut merged, files, &mut self.spans, &mut self.errors);
             let schema = self.schema;
             self.walk(0).missing(schema, "", &merged);
-            match RawProfile::deserialize(&merged) {
-                Ok(raw) => checked = Some(raw.check(&merged, &self.spans, path, files, &templates)),
+            self.spans.mark_right(&merged);
+            // It goes as the other comes.
+            match RawProfile::deserialize(merged) {
+                Ok(raw) => checked = Some(raw.check(&self.spans, path, files, &templates)),
                 Err(why) => self.errors.push(ProfileError::about("the layers", why.to_string(), None)),
             }
         }

@@ -1,7 +1,9 @@
 //! Where each key of the merged profile was written: layer, line and column.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
+
+use serde_json::Value;
 
 use crate::error::ProfileError;
 use crate::regular::LONGEST_QUOTE;
@@ -46,23 +48,42 @@ pub(crate) fn around(line: &str, byte: usize) -> (String, usize) {
     (shown, caret)
 }
 
-/// Where one key stands.
+/// Where one key stands. There are as many of them as a profile has keys: in numbers that are as large as files may be.
 #[derive(Clone, Debug)]
 struct Span {
-    layer: usize,
-    /// The bytes of its name.
-    key: Range<usize>,
+    layer: u32,
+    /// The bytes of its name, from and to.
+    key: (u32, u32),
     /// The bytes of its value.
-    value: Range<usize>,
+    value: (u32, u32),
     /// The layer and the byte in which it was first written.
-    rank: (usize, usize),
+    rank: (u32, u32),
+    /// Something of the right type stands there, in the profile that the layers make.
+    is_right: bool,
+}
+
+impl Span {
+    /// The layer, and the byte at which its name begins.
+    fn begin(&self) -> (usize, usize) {
+        (large(self.layer), large(self.key.0))
+    }
+}
+
+fn small(number: usize) -> u32 {
+    u32::try_from(number).unwrap_or(u32::MAX)
+}
+
+fn large(number: u32) -> usize {
+    usize::try_from(number).unwrap_or(usize::MAX)
 }
 
 /// Where all keys stand. A later layer that sets a key again takes its place over, but not its rank in the order.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Spans {
     layers: Vec<Layer>,
-    by_path: BTreeMap<String, Span>,
+    by_path: BTreeMap<Box<str>, Span>,
+    /// What is right and stands nowhere: a template has brought it.
+    brought: BTreeSet<String>,
     /// Where values come from that nobody wrote into a layer.
     notes: BTreeMap<String, String>,
 }
@@ -92,25 +113,53 @@ impl Spans {
     }
 
     pub(crate) fn record(&mut self, layer: usize, path: &str, key: Range<usize>, value: Range<usize>) {
-        let rank = self.by_path.get(path).map_or((layer, key.start), |known| known.rank);
-        self.by_path.insert(path.to_owned(), Span { layer, key, value, rank });
+        let layer = small(layer);
+        let bytes = |range: Range<usize>| (small(range.start), small(range.end));
+        let (key, value) = (bytes(key), bytes(value));
+        let rank = self.by_path.get(path).map_or((layer, key.0), |known| known.rank);
+        self.by_path.insert(path.into(), Span { layer, key, value, rank, is_right: false });
     }
 
     /// A key that nobody wrote stands where `of` stands, which brought it; `note` says so.
     pub(crate) fn fill_in(&mut self, path: &str, of: &str, note: &str) {
         let Some(span) = self.by_path.get(of).cloned() else { return };
-        self.by_path.insert(path.to_owned(), span);
+        self.by_path.insert(path.into(), span);
         self.notes.insert(path.to_owned(), note.to_owned());
     }
 
     /// A list is replaced as a whole: what an earlier layer had inside is gone.
     pub(crate) fn forget_inside(&mut self, path: &str) {
         let inside = format!("{path}[");
-        let after = self.by_path.range(inside.clone()..).map(|(known, _)| known);
-        let gone: Vec<String> = after.take_while(|known| known.starts_with(&inside)).cloned().collect();
+        let after = self.by_path.range(Box::from(&*inside)..).map(|(known, _)| known);
+        let gone: Vec<Box<str>> = after.take_while(|known| known.starts_with(&inside)).cloned().collect();
         for known in gone {
             self.by_path.remove(&known);
         }
+    }
+
+    /// What stands in the profile that the layers make is right.
+    pub(crate) fn mark_right(&mut self, profile: &Value) {
+        self.mark("", profile);
+    }
+
+    fn mark(&mut self, path: &str, value: &Value) {
+        match (self.by_path.get_mut(path), path) {
+            (Some(span), _) => span.is_right = true,
+            (None, "") => {}
+            (None, path) => drop(self.brought.insert(path.to_owned())),
+        }
+        match value {
+            Value::Object(table) => table.iter().for_each(|(key, value)| self.mark(&child(path, key), value)),
+            Value::Array(items) => {
+                items.iter().enumerate().for_each(|(place, item)| self.mark(&element(path, place), item));
+            }
+            _ => {}
+        }
+    }
+
+    /// Whether something of the right type stands there.
+    pub(crate) fn is_right(&self, path: &str) -> bool {
+        self.by_path.get(path).is_some_and(|span| span.is_right) || self.brought.contains(path)
     }
 
     pub(crate) fn contains(&self, path: &str) -> bool {
@@ -119,7 +168,8 @@ impl Spans {
 
     /// The order in which things were first written.
     pub(crate) fn rank(&self, path: &str) -> (usize, usize) {
-        self.by_path.get(path).map_or((usize::MAX, 0), |span| span.rank)
+        let rank = self.by_path.get(path).map(|span| (large(span.rank.0), large(span.rank.1)));
+        rank.unwrap_or((usize::MAX, 0))
     }
 
     /// An error at the name of a key; for a key that is not there, at the table it is missing from.
@@ -129,7 +179,7 @@ impl Spans {
         message: impl Into<String>,
         help: Option<String>,
     ) -> ProfileError {
-        let (layer, byte) = self.enclosing(path).map(|span| (span.layer, span.key.start)).unwrap_or_default();
+        let (layer, byte) = self.enclosing(path).map(Span::begin).unwrap_or_default();
         self.at_byte(layer, byte, path, message, help)
     }
 
@@ -141,7 +191,7 @@ impl Spans {
         help: Option<String>,
     ) -> ProfileError {
         let Some(span) = self.by_path.get(path) else { return self.at_key(path, message, help) };
-        self.at_byte(span.layer, span.value.start, path, message, help)
+        self.at_byte(large(span.layer), large(span.value.0), path, message, help)
     }
 
     /// An error inside a text value, `offset` bytes from its beginning.
@@ -154,11 +204,12 @@ impl Spans {
         help: Option<String>,
     ) -> ProfileError {
         let Some(span) = self.by_path.get(path) else { return self.at_key(path, message, help) };
-        let file = self.layers.get(span.layer).and_then(|layer| layer.text.as_ref());
-        let written = file.and_then(|(file, _)| file.get(span.value.clone()));
+        let file = self.layers.get(large(span.layer)).and_then(|layer| layer.text.as_ref());
+        let (from, to) = (large(span.value.0), large(span.value.1));
+        let written = file.and_then(|(file, _)| file.get(from..to));
         // Where the text has escapes, its bytes are not those of the file.
         let verbatim = written.and_then(|written| written.find(text)).map(|quotes| quotes + offset);
-        self.at_byte(span.layer, span.value.start + verbatim.unwrap_or(0), path, message, help)
+        self.at_byte(large(span.layer), from + verbatim.unwrap_or(0), path, message, help)
     }
 
     /// An error at a byte of a layer.
@@ -196,8 +247,9 @@ impl Spans {
 
     /// `profiles/x.toml:41`, for a message that names a second key.
     pub(crate) fn line_of(&self, path: &str) -> String {
-        let found = self.enclosing(path).and_then(|span| Some((self.layers.get(span.layer)?, span)));
-        match found.map(|(layer, span)| (&layer.name, layer.locate(span.key.start))) {
+        let found = self.enclosing(path).map(Span::begin);
+        let found = found.and_then(|(layer, byte)| Some((self.layers.get(layer)?, byte)));
+        match found.map(|(layer, byte)| (&layer.name, layer.locate(byte))) {
             None => path.to_owned(),
             Some((name, None)) => name.clone(),
             Some((name, Some((line, ..)))) => format!("{name}:{line}"),

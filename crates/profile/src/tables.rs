@@ -11,7 +11,6 @@ use std::time::Duration;
 
 use schemars::JsonSchema;
 use serde::Deserialize;
-use serde_json::Value;
 
 use crate::Profile;
 use crate::duration::{Timespan, shown};
@@ -124,8 +123,6 @@ struct Tables<T> {
 /// A check under way.
 pub(crate) struct Check<'a> {
     raw: &'a RawProfile,
-    /// The same as it was before it had types.
-    written: &'a Value,
     spans: &'a Spans,
     files: &'a Files<'a>,
     templates: &'a Templates,
@@ -151,14 +148,12 @@ pub(crate) struct Check<'a> {
 struct At<'c> {
     check: &'c Check<'c>,
     path: String,
-    written: Option<&'c Value>,
 }
 
 impl RawProfile {
-    /// Resolves the profile, which was `written` so before it had types.
+    /// Resolves the profile.
     pub(crate) fn check(
         &self,
-        written: &Value,
         spans: &Spans,
         path: PathBuf,
         files: &Files<'_>,
@@ -166,7 +161,6 @@ impl RawProfile {
     ) -> Checked {
         let mut check = Check {
             raw: self,
-            written,
             spans,
             files,
             templates,
@@ -308,7 +302,7 @@ impl Check<'_> {
 
     /// A key of the profile itself.
     fn at(&self, key: &str) -> At<'_> {
-        At { check: self, path: String::new(), written: Some(self.written) }.key(key)
+        At { check: self, path: String::new() }.key(key)
     }
 
     fn periods(&self) -> &Periods {
@@ -329,19 +323,17 @@ impl Check<'_> {
 impl<'c> At<'c> {
     /// A key of this table.
     fn key(&self, key: &str) -> At<'c> {
-        let written = self.written.and_then(|table| table.get(key));
-        At { check: self.check, path: child(&self.path, key), written }
+        At { check: self.check, path: child(&self.path, key) }
     }
 
     /// An entry of this list.
     fn item(&self, index: usize) -> At<'c> {
-        let written = self.written.and_then(|list| list.get(index));
-        At { check: self.check, path: element(&self.path, index), written }
+        At { check: self.check, path: element(&self.path, index) }
     }
 
     /// Whether this table has the key, and nothing is wrong with its type.
     fn has(&self, key: &str) -> bool {
-        self.written.is_some_and(|table| table.get(key).is_some())
+        self.check.spans.is_right(&child(&self.path, key))
     }
 
     /// Whether it has been written at all, rightly or wrongly.

@@ -3,7 +3,7 @@
 
 use serde_json::{Map, Value};
 use toml::Spanned;
-use toml::de::{DeTable, DeValue};
+use toml::de::{DeArray, DeTable, DeValue};
 
 use crate::duration::Timespan;
 use crate::error::{Found, allowed};
@@ -52,12 +52,12 @@ impl Walk<'_> {
         (table.into_inner(), problems.is_empty())
     }
 
-    /// What is right in a table.
-    pub(crate) fn table(&mut self, schema: &Value, path: &str, table: &DeTable<'_>) -> Value {
+    /// What is right in a table. It goes as what is right comes: two copies of a large machine would be most of the memory.
+    pub(crate) fn table(&mut self, schema: &Value, path: &str, table: DeTable<'_>) -> Value {
         let schema = resolved(self.schema, schema);
         let known = schema.get("properties").and_then(Value::as_object);
         let free = schema.get("additionalProperties").filter(|free| free.is_object());
-        let mut entries: Vec<_> = table.iter().collect();
+        let mut entries: Vec<_> = table.into_iter().collect();
         entries.sort_by_key(|(key, _)| key.span().start);
         let mut right = Map::new();
         for (key, value) in entries {
@@ -96,23 +96,19 @@ impl Walk<'_> {
     }
 
     /// The value, if it is one that the schema allows.
-    pub(crate) fn value(
-        &mut self,
-        schema: &Value,
-        path: &str,
-        value: &Spanned<DeValue<'_>>,
-    ) -> Option<Value> {
+    pub(crate) fn value(&mut self, schema: &Value, path: &str, value: Spanned<DeValue<'_>>) -> Option<Value> {
         let described = schema;
         let at = value.span().start;
-        let schema = Self::choice(resolved(self.schema, schema), value.get_ref());
+        let value = value.into_inner();
+        let schema = Self::choice(resolved(self.schema, schema), &value);
         let kind = schema.get("type").and_then(Value::as_str).unwrap_or_default();
         let is_duration = schema.get("pattern").is_some_and(|pattern| pattern == Timespan::PATTERN);
-        let wrong = match (value.get_ref(), kind) {
+        let wrong = match (value, kind) {
             (DeValue::Table(table), "object") => return Some(self.table(schema, path, table)),
             (DeValue::Array(items), "array") => return self.list(schema, path, at, items),
-            (DeValue::Boolean(yes), "boolean") => return Some(Value::Bool(*yes)),
-            (DeValue::String(text), "string") => match wrong_text(schema, is_duration, text) {
-                None => return Some(Value::from(&**text)),
+            (DeValue::Boolean(yes), "boolean") => return Some(Value::Bool(yes)),
+            (DeValue::String(text), "string") => match wrong_text(schema, is_duration, &text) {
+                None => return Some(Value::from(text)),
                 Some((message, help)) => (message, Some(help)),
             },
             (DeValue::Integer(number), "integer" | "number") => {
@@ -137,14 +133,14 @@ impl Walk<'_> {
             }
             (found, _) => {
                 let help = described.get("description").or(schema.get("description")).and_then(Value::as_str);
-                let written = written(self.schema, schema, path, found);
+                let written = written(self.schema, schema, path, &found);
                 let help = written
                     .into_iter()
                     .chain(help.map(|help| help.replace('\n', " ")))
                     .collect::<Vec<_>>()
                     .join("; ");
                 let help = Some(help).filter(|help| !help.is_empty());
-                (wrong_type(&types(self.schema, schema), found, is_duration), help)
+                (wrong_type(&types(self.schema, schema), &found, is_duration), help)
             }
         };
         self.error(at, path, wrong.0, wrong.1);
@@ -152,13 +148,7 @@ impl Walk<'_> {
     }
 
     /// A list in which everything is right.
-    fn list(
-        &mut self,
-        schema: &Value,
-        path: &str,
-        at: usize,
-        items: &[Spanned<DeValue<'_>>],
-    ) -> Option<Value> {
+    fn list(&mut self, schema: &Value, path: &str, at: usize, items: DeArray<'_>) -> Option<Value> {
         self.spans.forget_inside(path);
         if items.len() > MOST_ITEMS {
             self.error(
@@ -171,14 +161,15 @@ impl Walk<'_> {
         }
         let item_schema = schema.get("items").unwrap_or(&Value::Null);
         let mut right = Vec::new();
-        for (index, item) in items.iter().enumerate() {
+        let written = items.len();
+        for (index, item) in items.into_iter().enumerate() {
             let path = element(path, index);
             self.spans.record(self.layer, &path, item.span(), item.span());
             right.extend(self.value(item_schema, &path, item));
         }
         let exact = schema.get("maxItems").and_then(Value::as_u64);
         match exact.filter(|exact| usize::try_from(*exact) != Ok(right.len())) {
-            _ if right.len() < items.len() => None,
+            _ if right.len() < written => None,
             Some(exact) => {
                 self.error(at, path, format!("{exact} values are wanted here, not {}", right.len()), None);
                 None

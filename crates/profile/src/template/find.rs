@@ -92,7 +92,7 @@ fn read(shown: &str, written: &str, errors: &mut Found) -> Option<Group> {
     let before = errors.len();
     let mut walk = Walk { schema, layer, spans: &mut spans, errors };
     let (table, _) = walk.parsed(written);
-    let value = walk.table(schema, "", &table);
+    let value = walk.table(schema, "", table);
     // What a group leaves out, the profile may say.
     walk.missing(&json!({ "required": schema.get("required") }), "", &value);
     match value {

@@ -35,7 +35,7 @@ impl Written {
     }
 
     pub(super) fn at<'c>(&self, check: &'c Check<'c>) -> At<'c> {
-        At { check, path: self.path.clone(), written: None }
+        At { check, path: self.path.clone() }
     }
 
     /// How many bytes the frame must have for the value.
