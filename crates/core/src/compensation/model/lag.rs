@@ -122,7 +122,8 @@ impl Lagged {
     /// The exact solution. Where no time has passed, or it ran back, the follower stays where it is.
     #[inline]
     fn advance(&mut self, input: f64, now: Moment, constant: Duration) {
-        let share = nanoseconds(now.since(self.at)) / nanoseconds(constant);
+        let passed = now.as_nanos().saturating_sub(self.at.as_nanos());
+        let share = number(passed) / number(nanoseconds(constant));
         if share > 0.0 {
             let Response { gone, along } = Response::after(share);
             self.follower += gone * (self.input - self.follower);
@@ -192,9 +193,14 @@ fn series(x: f64) -> f64 {
     first + (second + (1.0 / 3_628_800.0 - x * (1.0 / 39_916_800.0)) * x4) * x4
 }
 
+fn nanoseconds(span: Duration) -> u64 {
+    span.as_secs().saturating_mul(1_000_000_000).saturating_add(span.subsec_nanos().into())
+}
+
+/// By way of a signed number, for which processors have an instruction.
 #[allow(clippy::cast_precision_loss, reason = "a share of a time constant needs no more")]
-fn nanoseconds(span: Duration) -> f64 {
-    span.as_secs().saturating_mul(1_000_000_000).saturating_add(span.subsec_nanos().into()) as f64
+fn number(nanoseconds: u64) -> f64 {
+    i64::try_from(nanoseconds).unwrap_or(i64::MAX) as f64
 }
 
 #[cfg(test)]
