@@ -6,6 +6,7 @@ use std::time::Duration;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
+use super::bus::periods::EVERY;
 use super::bus::{APART, Transport};
 use super::label::{self, labelled};
 use super::quirks::{Quirks, RawQuirks};
@@ -24,9 +25,6 @@ pub(crate) mod emergency;
 pub(crate) mod functions;
 pub(crate) mod node;
 pub(crate) mod verify;
-
-/// How often a device is polled, where nothing else is said.
-pub(super) const EVERY: Duration = Duration::from_secs(1);
 
 /// One unit on a line.
 #[derive(Debug, Deserialize, JsonSchema)]

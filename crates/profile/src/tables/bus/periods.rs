@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use crate::duration::Timespan;
 use crate::tables::RawProfile;
-use crate::tables::device::EVERY;
 
+/// How often a device is polled, where nothing else is said.
+pub(in crate::tables) const EVERY: Duration = Duration::from_secs(1);
 /// Longest wait for an answer, where nothing is written and no device is polled faster.
 pub(super) const TIMEOUT: Duration = Duration::from_millis(500);
 const SHORTEST_TIMEOUT: Duration = Duration::from_millis(100);
