@@ -1,5 +1,7 @@
 //! X'X, X'y and y'y of a run: every subset of the bank is then algebra, with no second pass over the data.
 
+use std::ops::AddAssign;
+
 use nalgebra::{DMatrix, DVector};
 
 use crate::statistics::count;
@@ -21,7 +23,8 @@ impl Gram {
     /// Of the columns X and the target y, row by row.
     pub(crate) fn of(columns: &DMatrix<f64>, target: &DVector<f64>) -> Gram {
         Gram {
-            square: columns.tr_mul(columns),
+            // The matrix product has kernels for this processor, the transposed one has none.
+            square: columns.transpose() * columns,
             cross: columns.tr_mul(target),
             power: target.norm_squared(),
             rows: count(target.len()),
@@ -30,20 +33,14 @@ impl Gram {
 
     /// Of these runs together.
     pub(crate) fn sum(grams: &[Gram], runs: &[usize]) -> Gram {
-        let width = grams.first().map_or(0, |gram| gram.cross.len());
-        let mut sum = Gram {
-            square: DMatrix::zeros(width, width),
-            cross: DVector::zeros(width),
-            power: 0.0,
-            rows: 0.0,
-        };
-        for gram in runs.iter().filter_map(|run| grams.get(*run)) {
-            sum.square += &gram.square;
-            sum.cross += &gram.cross;
-            sum.power += gram.power;
-            sum.rows += gram.rows;
-        }
+        let mut sum = Gram::nothing(grams.first().map_or(0, |gram| gram.cross.len()));
+        runs.iter().filter_map(|run| grams.get(*run)).for_each(|gram| sum += gram);
         sum
+    }
+
+    /// Of no row of so many columns.
+    pub(crate) fn nothing(width: usize) -> Gram {
+        Gram { square: DMatrix::zeros(width, width), cross: DVector::zeros(width), power: 0.0, rows: 0.0 }
     }
 
     /// Of all runs together.
@@ -110,13 +107,22 @@ impl Gram {
 
     /// X'X and X'y of columns that are divided by these scales, per so many rows.
     pub(crate) fn divided(&self, scales: &DVector<f64>, rows: f64) -> Gram {
+        let shares = scales.map(|scale| 1.0 / scale);
         let mut divided = self.clone();
-        for (i, own) in scales.iter().enumerate() {
-            divided.cross[i] /= own * rows;
-            for (j, other) in scales.iter().enumerate() {
-                divided.square[(i, j)] /= own * other * rows;
-            }
+        divided.cross.component_mul_assign(&(&shares / rows));
+        for (mut column, share) in divided.square.column_iter_mut().zip(shares.iter()) {
+            let share = share / rows;
+            column.zip_apply(&shares, |value, other| *value *= share * other);
         }
         divided
+    }
+}
+
+impl AddAssign<&Gram> for Gram {
+    fn add_assign(&mut self, other: &Gram) {
+        self.square += &other.square;
+        self.cross += &other.cross;
+        self.power += other.power;
+        self.rows += other.rows;
     }
 }

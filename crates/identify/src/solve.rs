@@ -1,9 +1,17 @@
 //! Least squares on normal equations, with or without a penalty.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::{factor, solve};
+use faer::reborrow::{Reborrow, ReborrowMut};
+use faer::{MatMut, Par};
+use nalgebra::{DMatrix, DVector};
 
 use crate::gram::Gram;
 use crate::statistics::median;
+
+mod net;
+
+pub(super) use net::Net;
 
 /// What keeps two columns that are the same from having no answer; far below any effect on one that has.
 const ROUNDING: f64 = 1e-12;
@@ -13,7 +21,12 @@ const STANDS_STILL: f64 = 1e-9;
 /// Gains of these columns: least squares with `penalty`·|w|² on columns of root mean square 1, per row.
 pub(super) fn ridge(gram: &Gram, columns: &[usize], penalty: f64) -> DVector<f64> {
     let (scaled, scales) = gram.of_columns(columns).scaled();
-    penalized(scaled.square, &scaled.cross, penalty.max(ROUNDING)).component_div(&scales)
+    least_squares(&scaled, penalty).component_div(&scales)
+}
+
+/// The same for all columns, of products that are scaled already: gains per scale.
+pub(super) fn least_squares(scaled: &Gram, penalty: f64) -> DVector<f64> {
+    penalized(&scaled.square, &scaled.cross, penalty.max(ROUNDING))
 }
 
 /// A ridge on whitened products, for any penalty: a column that moves little is held more, but by the root alone.
@@ -32,7 +45,7 @@ impl Ridge {
     }
 
     pub(super) fn at(&self, penalty: f64) -> DVector<f64> {
-        penalized(self.scaled.square.clone(), &self.scaled.cross, penalty).component_div(&self.scales)
+        penalized(&self.scaled.square, &self.scaled.cross, penalty).component_div(&self.scales)
     }
 }
 
@@ -42,107 +55,32 @@ pub(super) fn decades(first: i32, last: i32, each: i32) -> Vec<f64> {
 }
 
 /// w of (X'X + penalty)·w = X'y. Where columns say the same, the penalty grows until there is an answer.
-pub(super) fn penalized(mut square: DMatrix<f64>, cross: &DVector<f64>, mut penalty: f64) -> DVector<f64> {
+pub(super) fn penalized(square: &DMatrix<f64>, cross: &DVector<f64>, penalty: f64) -> DVector<f64> {
+    let (mut each, mut all) = (penalty, penalty);
     loop {
-        for place in 0..square.nrows() {
-            square[(place, place)] += penalty;
+        if let Some(answer) = positive(square, cross, all) {
+            return answer;
         }
-        if let Some(factors) = square.clone().cholesky() {
-            return factors.solve(cross);
-        }
-        penalty *= 10.0;
+        each *= 10.0;
+        all += each;
     }
 }
 
-/// The largest elastic net worth trying: below this L1 penalty the first gain leaves zero.
-pub(super) fn first_penalty(scaled: &Gram) -> f64 {
-    scaled.cross.amax()
-}
-
-/// The elastic net `½|y − Xw|² + l1·|w|₁ + ½·l2·|w|²` on scaled columns, from `gains` on: exact, by the search over signs of
-/// Lee, Battle, Raina and Ng (2006). Coordinate descent needs many thousand rounds where columns are nearly alike.
-///
-/// The columns that are in have signs; with these fixed the answer is one linear system, whose factor grows and shrinks
-/// by a column at a time. Who would change its sign goes out; who pulls hardest comes in.
-pub(super) fn elastic_net(scaled: &Gram, l1: f64, l2: f64, gains: &mut DVector<f64>) {
-    let size = scaled.cross.len();
-    let mut active = Active::new(scaled, l2, gains);
-    // Each round lessens what is left; a bound all the same.
-    for _ in 0..4 * size {
-        active.settle(scaled, l1, gains);
-        let mut hardest = (l1 + 1e-6 * l1.max(1e-9), None);
-        for column in (0..size).filter(|column| !active.columns.contains(column)) {
-            let taken: f64 =
-                active.columns.iter().map(|other| gains[*other] * scaled.square[(column, *other)]).sum();
-            let pull = scaled.cross[column] - taken;
-            if pull.abs() > hardest.0 {
-                hardest = (pull.abs(), Some((column, pull.signum())));
-            }
-        }
-        let Some((column, sign)) = hardest.1 else { return };
-        active.add(scaled, l2, column, sign);
-    }
-}
-
-/// The columns that are in, with their signs and the factor of their part of X'X + l2.
-struct Active {
-    columns: Vec<usize>,
-    signs: Vec<f64>,
-    factor: Option<Cholesky<f64, Dyn>>,
-}
-
-impl Active {
-    fn new(scaled: &Gram, l2: f64, gains: &DVector<f64>) -> Active {
-        let mut active = Active { columns: Vec::new(), signs: Vec::new(), factor: None };
-        for (column, gain) in gains.iter().enumerate().filter(|(_, gain)| gain.abs() > 0.0) {
-            active.add(scaled, l2, column, gain.signum());
-        }
-        active
-    }
-
-    fn add(&mut self, scaled: &Gram, l2: f64, column: usize, sign: f64) {
-        self.columns.push(column);
-        self.signs.push(sign);
-        let last = self.columns.len() - 1;
-        let mut row = DVector::from_fn(last + 1, |place, _| scaled.square[(self.columns[place], column)]);
-        row[last] += l2;
-        self.factor = match self.factor.take() {
-            Some(factor) => Some(factor.insert_column(last, row)),
-            None => Cholesky::new(DMatrix::from_element(1, 1, row[0])),
-        };
-    }
-
-    fn remove(&mut self, place: usize) {
-        self.columns.remove(place);
-        self.signs.remove(place);
-        let left = !self.columns.is_empty();
-        self.factor = self.factor.take().filter(|_| left).map(|factor| factor.remove_column(place));
-    }
-
-    /// The answer for these signs, or as far towards it as they hold; those that reach zero go out.
-    fn settle(&mut self, scaled: &Gram, l1: f64, gains: &mut DVector<f64>) {
-        while let Some(factor) = &self.factor {
-            let answer = factor.solve(&DVector::from_fn(self.columns.len(), |place, _| {
-                scaled.cross[self.columns[place]] - l1 * self.signs[place]
-            }));
-            let mut way = (1.0, None);
-            for (place, column) in self.columns.iter().enumerate() {
-                if answer[place] * self.signs[place] <= 0.0 {
-                    let reach = gains[*column] / (gains[*column] - answer[place]);
-                    let reach = if reach.is_finite() { reach.clamp(0.0, 1.0) } else { 0.0 };
-                    if way.1.is_none() || reach < way.0 {
-                        way = (reach, Some(place));
-                    }
-                }
-            }
-            for (place, column) in self.columns.iter().enumerate() {
-                gains[*column] += way.0 * (answer[place] - gains[*column]);
-            }
-            let Some(place) = way.1 else { return };
-            gains[self.columns[place]] = 0.0;
-            self.remove(place);
-        }
-    }
+/// The same by Cholesky's factors; `None` where there are none.
+fn positive(square: &DMatrix<f64>, cross: &DVector<f64>, penalty: f64) -> Option<DVector<f64>> {
+    let size = square.nrows();
+    let mut factors = square.clone();
+    (0..size).for_each(|place| factors[(place, place)] += penalty);
+    let mut factors = MatMut::from_column_major_slice_mut(factors.as_mut_slice(), size, size);
+    let mut memory =
+        MemBuffer::new(factor::cholesky_in_place_scratch::<f64>(size, Par::Seq, Default::default()));
+    let stack = MemStack::new(&mut memory);
+    factor::cholesky_in_place(factors.rb_mut(), Default::default(), Par::Seq, stack, Default::default())
+        .ok()?;
+    let mut answer = cross.clone();
+    let sides = MatMut::from_column_major_slice_mut(answer.as_mut_slice(), size, 1);
+    solve::solve_in_place(factors.rb(), sides, Par::Seq, stack);
+    Some(answer)
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DVector};
 use super::forward::forward_once_each;
 use crate::bank::{Bank, Candidate, LAGS_MIN, Rows, trace};
 use crate::campaign::Campaign;
-use crate::folds::inner_or_itself;
+use crate::folds::Inner;
 use crate::gram::Gram;
 use crate::learn::{Learned, Learner};
 use crate::solve::ridge;
@@ -40,11 +40,11 @@ impl<'a> Lagging<'a> {
     }
 
     fn begin(&self, runs: &[usize], without: &[usize]) -> Vec<Candidate> {
-        let folds = inner_or_itself(&self.grams, runs);
+        let folds = Inner::of(&self.grams, runs).or_itself().scaled();
         let inputs = self.bank.candidates.iter().map(|candidate| candidate.input);
         let groups: Vec<Option<usize>> =
             inputs.map(|input| Some(input).filter(|input| !without.contains(input))).collect();
-        let (chosen, _) = forward_once_each(&folds, PENALTY, self.terms, &groups);
+        let (chosen, _) = forward_once_each(&folds.iter().collect::<Vec<_>>(), PENALTY, self.terms, &groups);
         chosen.into_iter().map(|column| self.bank.candidates[column]).collect()
     }
 

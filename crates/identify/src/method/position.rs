@@ -6,9 +6,10 @@
 use std::time::Duration;
 
 use super::Gains;
-use super::sparse::{MOST_TERMS, by_forward, in_columns};
+use super::sparse::{by_forward, in_columns, most_terms};
 use crate::bank::{Bank, Candidate};
 use crate::campaign::Campaign;
+use crate::folds::Inner;
 use crate::gram::Gram;
 use crate::statistics::range;
 
@@ -17,8 +18,9 @@ const HELD: [f64; 1] = [1e-3];
 
 /// At most so many terms.
 pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize], terms: Option<usize>) -> Gains {
-    let few: Vec<Gram> = grams.iter().map(|gram| gram.of_columns(columns)).collect();
-    in_columns(&by_forward(&few, runs, terms.unwrap_or(MOST_TERMS), &HELD, false), columns)
+    let inner = Inner::of(grams, runs).of_columns(columns).or_itself();
+    let most = most_terms(runs, terms);
+    in_columns(&by_forward(&inner.all, &inner.scaled(), most, &HELD, false), columns)
 }
 
 /// Every input through every lag, and each of these times the distance from the reference position.

@@ -3,9 +3,9 @@
 //! Best inside the envelope; a sparse model is safer outside it.
 
 use super::Gains;
-use crate::folds::inner;
+use crate::folds::Inner;
 use crate::gram::Gram;
-use crate::solve::ridge;
+use crate::solve::least_squares;
 use crate::statistics::least_sum;
 
 /// Where one run gives no validation: mild.
@@ -14,11 +14,13 @@ const UNVALIDATED: f64 = 0.1;
 pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize]) -> Gains {
     // Half decades from 1e-4 to 1e2.
     let penalties: Vec<f64> = (0..=12).map(|half| 10f64.powf(f64::from(half) / 2.0 - 4.0)).collect();
-    let costs = inner(grams, runs).into_iter().map(|fold| {
-        let held = fold.held.of_columns(columns);
-        penalties.iter().map(|penalty| held.left(&ridge(&fold.training, columns, *penalty))).collect()
+    let inner = Inner::of(grams, runs).of_columns(columns);
+    let costs = inner.scaled().into_iter().map(|fold| {
+        let left = |penalty: &f64| fold.held.left(&least_squares(&fold.training, *penalty));
+        penalties.iter().map(left).collect()
     });
     let penalty = least_sum(costs).map_or(UNVALIDATED, |(place, _)| penalties[place]);
-    let gains = ridge(&Gram::sum(grams, runs), columns, penalty);
+    let (scaled, scales) = inner.all.scaled();
+    let gains = least_squares(&scaled, penalty).component_div(&scales);
     columns.iter().copied().zip(gains.iter().copied()).collect()
 }

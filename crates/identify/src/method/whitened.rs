@@ -20,7 +20,7 @@ use crate::gram::Gram;
 use crate::learn::{Learned, Learner};
 use crate::products::{Fold, Products};
 use crate::sensors::Forward;
-use crate::solve::{Ridge, decades, elastic_net, first_penalty};
+use crate::solve::{Net, Ridge, decades};
 use crate::statistics::{count, least_sum, median};
 
 /// Where there are too few runs to choose.
@@ -223,11 +223,7 @@ fn path(gram: &Gram, shared: f64, steps: usize) -> Vec<DVector<f64>> {
     let moves = gram.square.diagonal().iter().map(|square| (square / rows).max(0.0).sqrt()).collect();
     let scale = median(moves).max(STANDS_STILL);
     let scaled = gram.divided(&DVector::from_element(gram.cross.len(), scale), rows);
-    let first = first_penalty(&scaled);
-    let mut gains = DVector::zeros(scaled.cross.len());
-    let step = |step: usize| {
-        elastic_net(&scaled, first * 10f64.powf(-0.25 * count(step)), shared, &mut gains);
-        &gains / scale
-    };
-    (0..steps).map(step).collect()
+    let mut net = Net::new(&scaled, shared);
+    let first = net.first_penalty();
+    (0..steps).map(|step| net.at(first * 10f64.powf(-0.25 * count(step))) / scale).collect()
 }

@@ -1,7 +1,7 @@
 use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
 
-use super::elastic_net;
+use super::Net;
 use crate::gram::Gram;
 
 proptest! {
@@ -25,10 +25,10 @@ proptest! {
             rows: 30.0,
         };
         let (scaled, _) = gram.scaled();
-        let mut gains = DVector::zeros(8);
+        let mut net = Net::new(&scaled, l2);
         for l1 in [first, 0.3 * first, 0.03 * first, 2.0 * first] {
-            elastic_net(&scaled, l1, l2, &mut gains);
-            let pull = &scaled.cross - &scaled.square * &gains - &gains * l2;
+            let gains = net.at(l1);
+            let pull = &scaled.cross - &scaled.square * gains - gains * l2;
             for column in 0..8 {
                 if gains[column].abs() > 0.0 {
                     prop_assert!((pull[column] - l1 * gains[column].signum()).abs() < 1e-6, "{gains} {pull}");

@@ -52,7 +52,7 @@ impl Member {
         let said = said(&samples.rises, &centres, width);
         let square = said.tr_mul(&said);
         let usual = (square.trace() / count(centres.nrows())).max(f64::MIN_POSITIVE);
-        let weights = penalized(square, &said.tr_mul(&samples.target), penalty * usual);
+        let weights = penalized(&square, &said.tr_mul(&samples.target), penalty * usual);
         Member { centres, width, weights }
     }
 
