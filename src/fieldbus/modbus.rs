@@ -4,7 +4,7 @@
 //!   simple client does, meets none of ours.
 //! - Before a question there is nothing to be read: bytes that answer no open question close the connection, as does
 //!   whatever comes behind an answer.
-//! - A read may go out in the same segment behind another question, with a transaction number of its own ([`behind`]).
+//! - A read may go out in the same segment behind another question, with a transaction number of its own.
 
 use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};

@@ -189,33 +189,77 @@ pub struct Reach {
 /// # Errors
 /// Blocks that have no such node, with what would help.
 pub fn blocks(mesh: &Mesh, parts: &[Part], reach: &Reach) -> Result<Vec<Block>, Vec<String>> {
-    let volumes = volumes(mesh);
-    let near = near_others(mesh, parts, reach.margin);
-    let mut wrong = Vec::new();
-    let mut blocks = Vec::new();
-    for part in parts {
-        let nodes = || part.nodes.iter().copied();
-        let candidates: Vec<usize> = nodes().filter(|node| reach.allowed[*node] && !near[*node]).collect();
-        if candidates.is_empty() {
-            let (name, margin) = (&part.name, reach.margin);
-            wrong.push(if nodes().any(|node| reach.allowed[node]) {
-                format!(
-                    "no node of block {name} that may carry a sensor lies {margin} mm away from every other block: a smaller \
-                     --margin, a finer mesh, or a larger block"
-                )
-            } else {
-                format!(
-                    "no node of block {name} may carry a sensor: none lies on the outer skin and in the set of --candidates (the \
-                     guideway and the foundation carry none); add nodes of it to that set, or join it to another block"
-                )
-            });
-        }
-        let volume: f64 = nodes().map(|node| volumes[node]).sum();
-        let centre = [0, 1, 2]
-            .map(|axis| nodes().map(|node| volumes[node] * mesh.xyz[node][axis]).sum::<f64>() / volume);
-        blocks.push(Block { name: part.name.clone(), nodes: part.nodes.clone(), candidates, centre });
+    Surveyed::new(mesh, reach).blocks(parts)
+}
+
+/// A mesh with what every division of it into parts is asked.
+pub(super) struct Surveyed<'a> {
+    mesh: &'a Mesh,
+    reach: &'a Reach,
+    /// How much of the volume each node stands for, mm³.
+    volumes: Vec<f64>,
+    /// Nodes of each cell of the margin's size; none without a margin.
+    cells: Vec<Vec<usize>>,
+    /// Of each cell itself and those that touch it.
+    around: Vec<Vec<usize>>,
+}
+
+impl<'a> Surveyed<'a> {
+    pub(super) fn new(mesh: &'a Mesh, reach: &'a Reach) -> Surveyed<'a> {
+        let (cells, around) = cells(mesh, reach.margin);
+        Surveyed { mesh, reach, volumes: volumes(mesh), cells, around }
     }
-    if wrong.is_empty() { Ok(blocks) } else { Err(wrong) }
+
+    /// As [`blocks`].
+    pub(super) fn blocks(&self, parts: &[Part]) -> Result<Vec<Block>, Vec<String>> {
+        let Surveyed { mesh, reach, volumes, .. } = self;
+        let near = self.near_others(&owners(mesh, parts));
+        let mut wrong = Vec::new();
+        let mut blocks = Vec::new();
+        for part in parts {
+            let nodes = || part.nodes.iter().copied();
+            let candidates: Vec<usize> =
+                nodes().filter(|node| reach.allowed[*node] && !near[*node]).collect();
+            if candidates.is_empty() {
+                let (name, margin) = (&part.name, reach.margin);
+                wrong.push(if nodes().any(|node| reach.allowed[node]) {
+                    format!(
+                        "no node of block {name} that may carry a sensor lies {margin} mm away from every other block: a smaller \
+                         --margin, a finer mesh, or a larger block"
+                    )
+                } else {
+                    format!(
+                        "no node of block {name} may carry a sensor: none lies on the outer skin and in the set of --candidates (the \
+                         guideway and the foundation carry none); add nodes of it to that set, or join it to another block"
+                    )
+                });
+            }
+            let volume: f64 = nodes().map(|node| volumes[node]).sum();
+            let centre = [0, 1, 2]
+                .map(|axis| nodes().map(|node| volumes[node] * mesh.xyz[node][axis]).sum::<f64>() / volume);
+            blocks.push(Block { name: part.name.clone(), nodes: part.nodes.clone(), candidates, centre });
+        }
+        if wrong.is_empty() { Ok(blocks) } else { Err(wrong) }
+    }
+
+    /// Which nodes lie nearer than the margin to a node of another part, or to one of none.
+    fn near_others(&self, owners: &[Option<usize>]) -> Vec<bool> {
+        let mesh = self.mesh;
+        let is_near = |one: usize, other: usize| {
+            let way = minus(mesh.xyz[one], mesh.xyz[other]);
+            owners[one] != owners[other] && dot(way, way).sqrt() < self.reach.margin
+        };
+        let mut near = vec![false; owners.len()];
+        for (cell, around) in self.cells.iter().zip(&self.around) {
+            let others = || around.iter().flat_map(|other| &self.cells[*other]).copied();
+            // Most cells lie inside one part.
+            let is_one_part = others().all(|other| owners[other] == owners[cell[0]]);
+            for node in cell.iter().filter(|_| !is_one_part) {
+                near[*node] = others().any(|other| is_near(*node, other));
+            }
+        }
+        near
+    }
 }
 
 /// How much of the volume each node stands for, mm³: of a linear tetrahedron each corner a quarter; of a quadratic one
@@ -238,30 +282,25 @@ fn volumes(mesh: &Mesh) -> Vec<f64> {
     volumes
 }
 
-/// Which nodes lie nearer than the margin to a node of another part.
-fn near_others(mesh: &Mesh, parts: &[Part], margin: f64) -> Vec<bool> {
-    if margin <= 0.0 {
-        return vec![false; mesh.nodes.len()];
+/// Nodes of each cell of this size, and of each cell itself and those that touch it.
+fn cells(mesh: &Mesh, size: f64) -> (Vec<Vec<usize>>, Vec<Vec<usize>>) {
+    if size <= 0.0 {
+        return (Vec::new(), Vec::new());
     }
-    let owners = owners(mesh, parts);
-    let cell = |node: usize| {
+    let mut nodes: BTreeMap<[i64; 3], Vec<usize>> = BTreeMap::new();
+    for (node, xyz) in mesh.xyz.iter().enumerate() {
         #[allow(clippy::cast_possible_truncation, reason = "cells of a structure")]
-        mesh.xyz[node].map(|at| (at / margin).floor() as i64)
+        let cell = xyz.map(|at| (at / size).floor() as i64);
+        nodes.entry(cell).or_default().push(node);
+    }
+    let places: HashMap<[i64; 3], usize> = nodes.keys().copied().zip(0..).collect();
+    let around = |home: &[i64; 3]| {
+        let touching = (0..27).map(|step| [step % 3 - 1, step / 3 % 3 - 1, step / 9 - 1]);
+        let cell = |way: [i64; 3]| [home[0] + way[0], home[1] + way[1], home[2] + way[2]];
+        touching.filter_map(|way| places.get(&cell(way)).copied()).collect()
     };
-    let mut cells: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
-    (0..owners.len()).for_each(|node| cells.entry(cell(node)).or_default().push(node));
-    let is_near = |one: usize, other: usize| {
-        let way = minus(mesh.xyz[one], mesh.xyz[other]);
-        owners[one] != owners[other] && dot(way, way).sqrt() < margin
-    };
-    let has_near = |node: usize| {
-        let home = cell(node);
-        (0..27).any(|step| {
-            let neighbour = [home[0] + step % 3 - 1, home[1] + step / 3 % 3 - 1, home[2] + step / 9 - 1];
-            cells.get(&neighbour).is_some_and(|there| there.iter().any(|other| is_near(node, *other)))
-        })
-    };
-    (0..owners.len()).map(has_near).collect()
+    let around = nodes.keys().map(around).collect();
+    (nodes.into_values().collect(), around)
 }
 
 #[cfg(test)]

@@ -122,7 +122,7 @@ impl<'a> Floors<'a> {
     #[must_use]
     pub fn best_join(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Division> {
         let pieces = self.pieces(parts);
-        let joined = neighbours(self.mesh, parts).into_iter().map(|(one, other)| {
+        let joined = neighbours(self.mesh, parts).into_par_iter().map(|(one, other)| {
             let joined = pieces[one].joined(&pieces[other]);
             (self.floor(&pieces, &[one, other], &[joined]), one, other)
         });

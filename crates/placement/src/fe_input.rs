@@ -15,7 +15,8 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use crate::body::{LoadCase, Materials};
+use crate::body::{LoadCase, Materials, Progress};
+use crate::each::each;
 use crate::mesh::Mesh;
 
 mod card;
@@ -158,4 +159,9 @@ pub fn read(path: &Path) -> Result<FeInput, Faults> {
         faults.push(Fault::of_file(path, "the FE input file is empty"));
     }
     keywords::read(path, &cards, faults)
+}
+
+/// Reads several, at once.
+pub fn read_each(paths: &[PathBuf], progress: Progress<'_>) -> Vec<Result<FeInput, Faults>> {
+    each("FE input files", paths, progress, |path| read(path))
 }

@@ -1,9 +1,11 @@
 //! Linear heat conduction: the temperature of every node under one load case.
 
 use faer::Mat;
+use rayon::prelude::*;
 
-use crate::body::{Case, Film, Flux, LoadCase, Materials, Progress};
+use crate::body::{Case, Film, Flux, LoadCase, Materials, Progress, SILENT};
 use crate::element::{dot, face_points, for_each_element, for_each_point};
+use crate::fe_input::FeInput;
 use crate::graph::Graph;
 use crate::mesh::{Face, Mesh, NodeId, count, parts};
 use crate::system::{Factor, System};
@@ -35,12 +37,43 @@ pub fn temperatures(
     load: &LoadCase,
     progress: Progress<'_>,
 ) -> Result<Vec<f64>, HeatError> {
-    let heat = Heat::assembled(mesh, materials, load)?;
+    reached(mesh, materials, load, None, progress)
+}
+
+/// The same of several load cases, at once. Where they are of one mesh, it is put in order once.
+pub fn temperatures_of_each(inputs: &[FeInput]) -> Vec<Result<Vec<f64>, HeatError>> {
+    let first = inputs.first().map(|first| (first, Heat::zero(&first.mesh, &held(&first.mesh, &first.load))));
+    let one = |input: &FeInput| {
+        let known = first.as_ref().filter(|(first, _)| {
+            let is_same = first.mesh.elements == input.mesh.elements && first.mesh.xyz == input.mesh.xyz;
+            is_same && held(&first.mesh, &first.load) == held(&input.mesh, &input.load)
+        });
+        let zero = known.map(|(_, zero)| zero.clone());
+        reached(&input.mesh, &input.materials, &input.load, zero, SILENT)
+    };
+    inputs.par_iter().map(one).collect()
+}
+
+fn reached(
+    mesh: &Mesh,
+    materials: &Materials,
+    load: &LoadCase,
+    zero: Option<System<1>>,
+    progress: Progress<'_>,
+) -> Result<Vec<f64>, HeatError> {
+    let heat = Heat::assembled(mesh, materials, load, zero)?;
     let reached = match load.case {
         Case::Steady => heat.steady()?,
         Case::Transient { step, period } => heat.transient(&load.initial, step, period, progress)?,
     };
     Ok(reached.iter().zip(&load.initial).map(|(reached, initial)| reached - initial).collect())
+}
+
+/// Whether the temperature of each node is held.
+fn held(mesh: &Mesh, load: &LoadCase) -> Vec<bool> {
+    let mut held = vec![false; mesh.nodes.len()];
+    load.held.iter().for_each(|(node, _)| held[*node] = true);
+    held
 }
 
 /// Couplings of a free node (by its number) with a held one (by its place).
@@ -60,14 +93,25 @@ pub(super) struct Heat {
 }
 
 impl Heat {
-    pub(super) fn assembled(mesh: &Mesh, materials: &Materials, load: &LoadCase) -> Result<Self, HeatError> {
+    /// Nothing conducts yet.
+    fn zero(mesh: &Mesh, is_held: &[bool]) -> System<1> {
+        System::new(&Graph::of(mesh), &mesh.xyz, is_held)
+    }
+
+    /// Into `zero`, where that is known already.
+    pub(super) fn assembled(
+        mesh: &Mesh,
+        materials: &Materials,
+        load: &LoadCase,
+        zero: Option<System<1>>,
+    ) -> Result<Self, HeatError> {
+        let is_held = self::held(mesh, load);
         let mut held = vec![None; mesh.nodes.len()];
         load.held.iter().for_each(|(node, temperature)| held[*node] = Some(*temperature));
         if load.case == Case::Steady {
             anchored(mesh, load)?;
         }
-        let is_held: Vec<bool> = held.iter().map(Option::is_some).collect();
-        let mut conduction = System::<1>::new(&Graph::of(mesh), &mesh.xyz, &is_held);
+        let mut conduction = zero.unwrap_or_else(|| Heat::zero(mesh, &is_held));
         let capacity = match load.case {
             Case::Steady => None,
             Case::Transient { .. } => Some(capacity(mesh, materials, conduction.clone())?),

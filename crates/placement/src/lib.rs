@@ -36,6 +36,7 @@ pub mod views;
 pub mod write;
 
 mod drawing;
+mod each;
 mod element;
 mod graph;
 mod restraint;

@@ -1,10 +1,14 @@
 //! Linear thermo-elasticity: how a body that is held somewhere deforms as its nodes warm.
 
 use faer::Mat;
+use rayon::prelude::*;
 
 use crate::body::{Materials, Progress};
+use crate::each::listening;
 use crate::element::{Point, dot, for_each_element, for_each_point};
+use crate::fe_input::FeInput;
 use crate::graph::Graph;
+use crate::heat::{HeatError, temperatures_of_each};
 use crate::mesh::{Mesh, NodeId};
 use crate::restraint;
 use crate::system::{Factor, System};
@@ -142,22 +146,26 @@ impl<'a> Structure<'a> {
     /// The work of the thermal expansion of each node on each adjoint displacement.
     fn gather(&self, adjoints: &Mat<f64>, values: &mut [f64]) {
         let columns = self.mesh.nodes.len();
-        for_each_point(self.mesh, |element, point, count| {
-            let nodes = &self.mesh.elements[element].nodes;
-            let push = self.push(element) * point.volume;
-            for (row, values) in values.chunks_exact_mut(columns).enumerate() {
-                let adjoint = adjoints.col(row);
-                let mut spread = 0.0;
-                for (node, gradient) in nodes.iter().zip(&point.gradient) {
-                    let Some(number) = self.factor.free()[*node] else { continue };
-                    for axis in 0..3 {
-                        spread += gradient[axis] * adjoint[3 * number + axis];
+        let each = adjoints.ncols().div_ceil(rayon::current_num_threads()).max(1);
+        // Each thread goes through the elements once, for its own rows.
+        values.par_chunks_mut(columns * each).enumerate().for_each(|(place, values)| {
+            for_each_point(self.mesh, |element, point, count| {
+                let nodes = &self.mesh.elements[element].nodes;
+                let push = self.push(element) * point.volume;
+                for (row, values) in values.chunks_exact_mut(columns).enumerate() {
+                    let adjoint = adjoints.col(place * each + row);
+                    let mut spread = 0.0;
+                    for (node, gradient) in nodes.iter().zip(&point.gradient) {
+                        let Some(number) = self.factor.free()[*node] else { continue };
+                        for axis in 0..3 {
+                            spread += gradient[axis] * adjoint[3 * number + axis];
+                        }
+                    }
+                    for node in 0..count {
+                        values[nodes[node]] += push * spread * point.value[node];
                     }
                 }
-                for node in 0..count {
-                    values[nodes[node]] += push * spread * point.value[node];
-                }
-            }
+            });
         });
     }
 
@@ -172,6 +180,28 @@ impl<'a> Structure<'a> {
     pub fn stored(&self) -> usize {
         self.factor.stored()
     }
+}
+
+/// The guideway of the first of these files, and the temperatures of the load case of each: at once, as neither needs the other.
+///
+/// # Errors
+/// Where that body can move as a rigid one; and by load case, where it has no solution.
+#[allow(clippy::type_complexity, reason = "two results, one of them by load case")]
+pub fn guideway_and_temperatures(
+    inputs: &[FeInput],
+    fixed: &[usize],
+    guide: &[usize],
+    progress: Progress<'_>,
+) -> Result<(Adjoint, Vec<Result<Vec<f64>, HeatError>>), StructureError> {
+    let Some(first) = inputs.first() else { return Err(StructureError::NothingFixed) };
+    let (adjoint, rises) = listening(progress, |says| {
+        let adjoint = || {
+            let structure = Structure::new(&first.mesh, &first.materials, fixed, says)?;
+            Ok(structure.guideway(guide, says))
+        };
+        rayon::join(adjoint, || temperatures_of_each(inputs))
+    });
+    Ok((adjoint?, rises))
 }
 
 /// Adds what a point contributes to the stiffness between two nodes of its element.

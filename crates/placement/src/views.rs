@@ -1,6 +1,8 @@
 //! The structure seen from the six directions of its axes: what can be seen can be reached, and can be drawn.
 
-use crate::mesh::{Mesh, count, range};
+use rayon::prelude::*;
+
+use crate::mesh::{Face, Mesh, count, range};
 
 /// Pixels along the longest side of the structure.
 const FINE: usize = 400;
@@ -52,6 +54,10 @@ impl View {
     /// Of a mesh, along `axis`, from its positive end or from the other.
     #[must_use]
     pub fn new(mesh: &Mesh, axis: usize, from_above: bool) -> View {
+        View::of(mesh, &mesh.outer_faces(), axis, from_above)
+    }
+
+    fn of(mesh: &Mesh, faces: &[Face], axis: usize, from_above: bool) -> View {
         let plane = match axis {
             0 => [2, 1],
             1 => [0, 2],
@@ -63,8 +69,8 @@ impl View {
         let size = plane.map(|axis| ((high[axis] - low[axis]) / pixel) as usize + 1);
         let seen = vec![None; size[0] * size[1]];
         let mut view = View { axis, from_above, plane, size, low: plane.map(|axis| low[axis]), pixel, seen };
-        for face in mesh.outer_faces() {
-            let nodes: Vec<usize> = mesh.face_nodes(face).collect();
+        for face in faces {
+            let nodes: Vec<usize> = mesh.face_nodes(*face).collect();
             view.draw(mesh, [0, 1, 2].map(|corner| nodes[corner]));
         }
         view
@@ -169,13 +175,13 @@ pub fn outside(mesh: &Mesh, fixed: &[usize]) -> Vec<bool> {
         !fixed.is_empty() && fixed.iter().all(|node| (mesh.xyz[*node][axis] - end).abs() <= near)
     };
     let sides = (0..3).flat_map(|axis| [(axis, false), (axis, true)]);
-    let views: Vec<View> = sides
-        .filter(|(axis, from_above)| !hidden(*axis, *from_above))
-        .map(|(axis, from_above)| View::new(mesh, axis, from_above))
-        .collect();
+    let sides: Vec<(usize, bool)> = sides.filter(|(axis, from_above)| !hidden(*axis, *from_above)).collect();
+    let faces = mesh.outer_faces();
+    let view = |(axis, from_above): &(usize, bool)| View::of(mesh, &faces, *axis, *from_above);
+    let views: Vec<View> = sides.par_iter().map(view).collect();
     let mut outside = vec![false; mesh.nodes.len()];
-    for node in mesh.skin() {
-        outside[node] = views.iter().any(|view| view.sees(&mesh.xyz[node]));
+    for node in faces.iter().flat_map(|face| mesh.face_nodes(*face)) {
+        outside[node] = outside[node] || views.iter().any(|view| view.sees(&mesh.xyz[node]));
     }
     outside
 }

@@ -8,10 +8,9 @@ use isotherm_placement::blocks::{Part, Reach, parts};
 use isotherm_placement::body::Progress;
 use isotherm_placement::ccx::Ccx;
 use isotherm_placement::fe_input::{self, FeInput};
-use isotherm_placement::heat::temperatures;
 use isotherm_placement::mesh::Mesh;
 use isotherm_placement::problem::Load;
-use isotherm_placement::structure::{Adjoint, Structure};
+use isotherm_placement::structure::{Adjoint, guideway_and_temperatures};
 use isotherm_placement::study::{Study, rows};
 use isotherm_placement::views::outside;
 
@@ -67,16 +66,12 @@ fn own(
     parts: &[Part],
     progress: Progress<'_>,
 ) -> anyhow::Result<Computed> {
-    let structure = Structure::new(&inputs[0].mesh, &inputs[0].materials, fixed, progress)?;
-    let adjoint = structure.guideway(guide, progress);
+    let (adjoint, rises) = guideway_and_temperatures(inputs, fixed, guide, progress)?;
     let mut loads = Vec::new();
-    for (place, input) in inputs.iter().enumerate() {
-        progress("load cases", place, inputs.len());
-        let rise = temperatures(&input.mesh, &input.materials, &input.load, progress)
-            .map_err(|why| anyhow::anyhow!("{}: {why}", input.name))?;
+    for (input, rise) in inputs.iter().zip(rises) {
+        let rise = rise.map_err(|why| anyhow::anyhow!("{}: {why}", input.name))?;
         loads.push(Load { name: input.name.clone(), moved_mm: adjoint.displacements(&rise), rise });
     }
-    progress("load cases", inputs.len(), inputs.len());
     let columns: Vec<Vec<f64>> = parts.iter().map(|part| adjoint.block(&part.nodes)).collect();
     Ok(Computed { p: rows(&columns), adjoint: Some(adjoint), loads })
 }
@@ -118,9 +113,8 @@ fn calculix(
 fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> anyhow::Result<Vec<FeInput>> {
     let mut inputs: Vec<FeInput> = Vec::new();
     let mut wrong = Vec::new();
-    for (place, path) in paths.iter().enumerate() {
-        progress("FE input files", place, paths.len());
-        match fe_input::read(path) {
+    for (path, read) in paths.iter().zip(fe_input::read_each(paths, progress)) {
+        match read {
             Ok(input) if inputs.iter().any(|other| other.name == input.name) => wrong.push(format!(
                 "{}: a second load case called {}; a case is called as its file is: give the files different names",
                 path.display(),
@@ -130,7 +124,6 @@ fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> a
             Err(faults) => wrong.push(faults.to_string()),
         }
     }
-    progress("FE input files", paths.len(), paths.len());
     if let Some((first, others)) = inputs.split_first() {
         wrong.extend(others.iter().chain(plant).filter_map(|other| differs(first, other)));
     }

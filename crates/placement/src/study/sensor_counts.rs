@@ -1,7 +1,9 @@
 //! Other divisions than the one that was asked for: the cut that helps most, fewer sensors and more.
 
+use rayon::prelude::*;
+
 use super::{Criteria, SensorCount, Study, root_mean_square, rows};
-use crate::blocks::{Part, blocks};
+use crate::blocks::{Part, Surveyed};
 use crate::body::Progress;
 use crate::divisions::{Division, Floors};
 use crate::methods::multi_case::{Effort, multi_case};
@@ -19,9 +21,10 @@ pub(super) fn other_divisions(
 ) -> (Option<(String, f64)>, Vec<SensorCount>) {
     let Some(adjoint) = &study.adjoint else { return (None, Vec::new()) };
     let floors = Floors::new(&study.mesh, adjoint, &study.loads, &criteria.components);
-    let usable = |parts: &[Part]| blocks(&study.mesh, parts, &study.reach).is_ok();
+    let surveyed = Surveyed::new(&study.mesh, &study.reach);
+    let usable = |parts: &[Part]| surveyed.blocks(parts).is_ok();
     let counted = |division: &Division| {
-        let blocks = blocks(&study.mesh, &division.parts, &study.reach).ok()?;
+        let blocks = surveyed.blocks(&division.parts).ok()?;
         let columns: Vec<Vec<f64>> = division.parts.iter().map(|part| adjoint.block(&part.nodes)).collect();
         let problem = Problem::new(blocks, &rows(&columns), &study.loads, &criteria.components);
         let cases: Vec<usize> = (0..problem.targets.len()).collect();
@@ -35,27 +38,28 @@ pub(super) fn other_divisions(
     };
     let own = study.parts.len();
     let all = own + MORE;
-    let mut found = Vec::new();
-    let mut parts = study.parts.clone();
-    while let Some(joined) = floors.best_join(&parts, &usable) {
-        progress("number of sensors", found.len(), all);
-        found.extend(counted(&joined));
-        parts = joined.parts;
+    let mut fewer = Vec::new();
+    while let Some(joined) = {
+        let parts = fewer.last().map_or(&study.parts, |division: &Division| &division.parts);
+        floors.best_join(parts, &usable)
+    } {
+        progress("number of sensors", fewer.len(), all);
+        fewer.push(joined);
     }
-    found.reverse();
+    let mut more: Vec<Division> = Vec::new();
+    while more.len() < MORE {
+        progress("number of sensors", own + more.len(), all);
+        let parts = more.last().map_or(&study.parts, |division| &division.parts);
+        let Some(division) = floors.best_cut(parts, &usable) else { break };
+        more.push(division);
+    }
+    let best_cut = more.first().and_then(|first| Some((first.cut.as_ref()?.to_string(), first.floor_um)));
+    fewer.reverse();
+    let count =
+        |divisions: &[Division]| -> Vec<SensorCount> { divisions.par_iter().filter_map(counted).collect() };
     // The blocks themselves, with the sensors that were looked for longest.
-    found.push(SensorCount { sensors: own, floor_um: floors.of(&study.parts), rms_um, cut: None });
-    let mut best_cut = None;
-    let mut parts = study.parts.clone();
-    for more in 0..MORE {
-        progress("number of sensors", own + more, all);
-        let Some(division) = floors.best_cut(&parts, &usable) else { break };
-        if more == 0 {
-            best_cut = division.cut.as_ref().map(|plane| (plane.to_string(), division.floor_um));
-        }
-        found.extend(counted(&division));
-        parts = division.parts;
-    }
+    let placed = SensorCount { sensors: own, floor_um: floors.of(&study.parts), rms_um, cut: None };
+    let (fewer, more) = rayon::join(|| count(&fewer), || count(&more));
     progress("number of sensors", all, all);
-    (best_cut, found)
+    (best_cut, fewer.into_iter().chain([placed]).chain(more).collect())
 }
