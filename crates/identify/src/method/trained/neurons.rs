@@ -56,35 +56,96 @@ impl Neurons {
     fn layer(&self, rises: &DMatrix<f64>) -> DMatrix<f64> {
         let mut layer = rises * self.first.transpose();
         for (mut column, bias) in layer.column_iter_mut().zip(self.bias.iter()) {
-            column.apply(|sum| *sum = (*sum + bias).tanh());
+            column.as_mut_slice().iter_mut().for_each(|sum| *sum = tanh(*sum + bias));
         }
         layer
     }
 
     fn at_rest(&self) -> DVector<f64> {
-        self.bias.map(f64::tanh)
+        self.bias.map(tanh)
     }
 
     pub(super) fn output(&self, rises: &DMatrix<f64>) -> DVector<f64> {
         (self.layer(rises) * &self.second).add_scalar(-self.at_rest().dot(&self.second))
     }
 
-    /// Slopes of half the mean squared error, with the decay: of W, b and w.
-    fn slopes(&self, samples: &Samples) -> (DMatrix<f64>, DVector<f64>, DVector<f64>) {
+    /// Slopes of half the mean squared error of each network of so many neurons, with the decay: of W, b and w.
+    fn slopes(&self, samples: &Samples, neurons: usize) -> (DMatrix<f64>, DVector<f64>, DVector<f64>) {
         let mut layer = self.layer(&samples.rises);
         let rest = self.at_rest();
-        let left = (&layer * &self.second).add_scalar(-rest.dot(&self.second)) - &samples.target;
-        let (each, sum) = (1.0 / count(left.len()).max(1.0), left.sum());
-        let second = (layer.tr_mul(&left) - &rest * sum) * each + &self.second * DECAY;
-        for (mut column, weight) in layer.column_iter_mut().zip(self.second.iter()) {
-            column.zip_apply(&left, |said, left| *said = left * weight * (1.0 - *said * *said));
+        let (mut bias, mut second) = (DVector::zeros(rest.len()), DVector::zeros(rest.len()));
+        let each = 1.0 / count(samples.target.len()).max(1.0);
+        let ones = DVector::from_element(samples.target.len(), 1.0);
+        for begin in (0..rest.len()).step_by(neurons) {
+            let own = layer.columns(begin, neurons);
+            let (rest, weights) = (rest.rows(begin, neurons), self.second.rows(begin, neurons));
+            let left = (own * weights).add_scalar(-rest.dot(&weights)) - &samples.target;
+            let sum = left.sum();
+            second.rows_mut(begin, neurons).copy_from(&((own.tr_mul(&left) - rest * sum) * each));
+            for place in begin..begin + neurons {
+                let weight = self.second[place];
+                let mut said = layer.column_mut(place);
+                said.zip_apply(&left, |said, left| *said = left * weight * (1.0 - *said * *said));
+                let at_rest = sum * weight * (1.0 - rest[place - begin] * rest[place - begin]);
+                bias[place] = (said.dot(&ones) - at_rest) * each;
+            }
         }
-        let bias = DVector::from_fn(rest.len(), |place, _| {
-            let at_rest = sum * self.second[place] * (1.0 - rest[place] * rest[place]);
-            (layer.column(place).sum() - at_rest) * each
-        });
-        (layer.tr_mul(&samples.rises) * each + &self.first * DECAY, bias, second)
+        second += &self.second * DECAY;
+        // The matrix product has kernels for this processor, the transposed one has none.
+        let first = layer.transpose() * &samples.rises;
+        (first * each + &self.first * DECAY, bias, second)
     }
+
+    /// Networks as one with all their neurons.
+    fn stacked(parts: &[Neurons]) -> Neurons {
+        let of = |of: fn(&Neurons) -> &DVector<f64>| {
+            DVector::from_vec(parts.iter().flat_map(|part| of(part).iter().copied()).collect())
+        };
+        let rows: Vec<_> = parts.iter().flat_map(|part| part.first.row_iter()).collect();
+        Neurons {
+            first: DMatrix::from_rows(&rows),
+            bias: of(|part| &part.bias),
+            second: of(|part| &part.second),
+        }
+    }
+
+    /// So many neurons from one on.
+    fn part(&self, begin: usize, neurons: usize) -> Neurons {
+        Neurons {
+            first: self.first.rows(begin, neurons).into_owned(),
+            bias: self.bias.rows(begin, neurons).into_owned(),
+            second: self.second.rows(begin, neurons).into_owned(),
+        }
+    }
+}
+
+/// tanh to a few 1e-16, without a branch or a call: a loop over it takes several at once. What is trained is mostly this.
+///
+/// With e = exp(−2·|x|) it is (1 − e) / (1 + e); e is 2^k·exp(r), and of exp(r) the series does where |r| is at most ln 2 / 2.
+pub(super) fn tanh(x: f64) -> f64 {
+    /// Beyond it the answer is 1.
+    const FLAT: f64 = 20.0;
+    /// Added to a small number it leaves none of its fraction, and the number itself in the last bits.
+    const WHOLE: f64 = 6_755_399_441_055_744.0;
+    const LN_2: (f64, f64) = (6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10);
+    /// One over the factorials of 13 to 0.
+    const SERIES: [f64; 14] = {
+        let mut shares = [1.0; 14];
+        let mut place = 13;
+        while place > 0 {
+            shares[place - 1] = shares[place] / (14 - place) as f64;
+            place -= 1;
+        }
+        shares
+    };
+    let size = x.abs();
+    let power = -2.0 * if size < FLAT { size } else { FLAT };
+    let shifted = power * std::f64::consts::LOG2_E + WHOLE;
+    let whole = shifted - WHOLE;
+    let rest = power - whole * LN_2.0 - whole * LN_2.1;
+    let series = SERIES.iter().fold(0.0, |series, share| share + series * rest);
+    let exp = series * f64::from_bits(shifted.to_bits().wrapping_add(1023) << 52);
+    ((1.0 - exp) / (1.0 + exp)).copysign(x)
 }
 
 /// Adam's two running means of the slopes of some weights.
@@ -111,23 +172,30 @@ impl Adam {
 
 const KEPT: (f64, f64) = (0.9, 0.999);
 
-/// A network as it was after each of these lengths, which ascend.
-pub(super) fn train(samples: &Samples, neurons: usize, seed: u64, lengths: &[usize]) -> Vec<Neurons> {
-    let mut chance = Pcg64Mcg::seed_from_u64(seed);
-    let mut network = Neurons::begin(samples.rises.ncols(), neurons, &mut chance);
+/// A network from each of these seeds, as it was after each of these lengths, which ascend. All of them go over the rows
+/// together.
+pub(super) fn train(
+    samples: &Samples,
+    neurons: usize,
+    seeds: &[u64],
+    lengths: &[usize],
+) -> Vec<Vec<Neurons>> {
+    let begin =
+        |seed: &u64| Neurons::begin(samples.rises.ncols(), neurons, &mut Pcg64Mcg::seed_from_u64(*seed));
+    let mut all = Neurons::stacked(&seeds.iter().map(begin).collect::<Vec<_>>());
     let (mut first, mut bias, mut second) =
-        (Adam::of(network.first.len()), Adam::of(neurons), Adam::of(neurons));
-    let mut kept = Vec::new();
+        (Adam::of(all.first.len()), Adam::of(all.bias.len()), Adam::of(all.second.len()));
+    let mut kept = vec![Vec::new(); seeds.len()];
     let mut share = (1.0, 1.0);
     for round in 1..=lengths.last().copied().unwrap_or(0) {
         share = (share.0 * KEPT.0, share.1 * KEPT.1);
         let begun = (1.0 - share.0, 1.0 - share.1);
-        let slopes = network.slopes(samples);
-        first.step(network.first.as_mut_slice(), slopes.0.as_slice(), begun);
-        bias.step(network.bias.as_mut_slice(), slopes.1.as_slice(), begun);
-        second.step(network.second.as_mut_slice(), slopes.2.as_slice(), begun);
+        let slopes = all.slopes(samples, neurons);
+        first.step(all.first.as_mut_slice(), slopes.0.as_slice(), begun);
+        bias.step(all.bias.as_mut_slice(), slopes.1.as_slice(), begun);
+        second.step(all.second.as_mut_slice(), slopes.2.as_slice(), begun);
         if lengths.contains(&round) {
-            kept.push(network.clone());
+            kept.iter_mut().enumerate().for_each(|(own, kept)| kept.push(all.part(own * neurons, neurons)));
         }
     }
     kept
@@ -137,8 +205,8 @@ pub(super) fn train(samples: &Samples, neurons: usize, seed: u64, lengths: &[usi
 pub(super) fn length(folds: &[Fold<'_>], neurons: usize, seed: u64) -> usize {
     let costs = |fold: &Fold<'_>| {
         let seed = |member| seed.wrapping_mul(1000).wrapping_add(100 * member + fold.number);
-        let members: Vec<Vec<Neurons>> =
-            (0..COMPARED).map(|member| train(&fold.training, neurons, seed(member), &LENGTHS)).collect();
+        let seeds: Vec<u64> = (0..COMPARED).map(seed).collect();
+        let members = train(&fold.training, neurons, &seeds, &LENGTHS);
         let cost = |place: usize| {
             let at = members.iter().filter_map(|member| member.get(place)).collect::<Vec<_>>();
             fold.left(|rises| mean(&at, rises))
@@ -158,7 +226,8 @@ pub(super) fn fit(all: &Samples, folds: &[Fold<'_>], neurons: usize, seed: u64) 
     let length = length(folds, neurons, seed);
     let members: Vec<u64> = (500..).take(MEMBERS).collect();
     let seed = |member| seed.wrapping_mul(1000).wrapping_add(member);
-    members.into_par_iter().flat_map(|member| train(all, neurons, seed(member), &[length])).collect()
+    let each = members.into_par_iter().flat_map(|member| train(all, neurons, &[seed(member)], &[length]));
+    each.flatten().collect()
 }
 
 /// Their mean as one network of the project's own format.

@@ -2,7 +2,7 @@ use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::neurons::{self, LENGTHS, length, train};
+use super::neurons::{self, LENGTHS, length, tanh, train};
 use super::{Fold, Samples, about_mean, radial};
 use crate::statistics::count;
 use isotherm_profile::network;
@@ -42,7 +42,7 @@ fn curved(a: f64, b: f64, _: &mut Pcg64Mcg) -> f64 {
 fn every_round_of_training_leaves_less_until_little_is_left() {
     let all = stacked(&runs(&curved));
     let left = |lengths: &[usize]| -> Vec<f64> {
-        let networks = train(&all, 6, 1, lengths);
+        let networks = train(&all, 6, &[1], lengths).remove(0);
         networks.iter().map(|network| (network.output(&all.rises) - &all.target).norm_squared()).collect()
     };
     let left = left(&[1, 100, 1500]);
@@ -66,15 +66,22 @@ fn the_length_that_is_chosen_leaves_least_on_the_runs_that_were_left_out() {
     let chosen = length(&folds, 6, 3);
     let left = |length: usize| -> f64 {
         let one = |fold: &Fold<'_>| {
-            let networks: Vec<_> = (0..2)
-                .flat_map(|member| train(&fold.training, 6, 3000 + 100 * member + fold.number, &[length]))
-                .collect();
+            let seeds = [0, 1].map(|member| 3000 + 100 * member + fold.number);
+            let networks = train(&fold.training, 6, &seeds, &[length]).concat();
             fold.left(|rises| (networks[0].output(rises) + networks[1].output(rises)) / 2.0)
         };
         folds.iter().map(one).sum()
     };
     for length in LENGTHS {
         assert!(left(chosen) <= left(length) + 1e-9, "{length} leaves less than {chosen}");
+    }
+}
+
+#[test]
+fn the_tanh_of_the_training_is_that_of_the_gateway_to_the_last_digits() {
+    let near = (-40_000..=40_000).map(|step| f64::from(step) * 1e-3);
+    for x in near.chain([0.0, 1e-300, -1e-9, 1e9, f64::INFINITY, f64::NEG_INFINITY]) {
+        assert!((tanh(x) - x.tanh()).abs() < 5e-16, "tanh {x}: {} is not {}", tanh(x), x.tanh());
     }
 }
 
