@@ -254,8 +254,8 @@ impl Loader<'_> {
             let templates = template::fill(&mut merged, files, &mut self.spans, &mut self.errors);
             let schema = self.schema;
             self.walk(0).missing(schema, "", &merged);
-            self.spans.mark_right(&merged);
-            // It goes as the other comes.
+            self.spans.mark_right("", &merged);
+            // Used up, so that a large machine is not in memory twice.
             match RawProfile::deserialize(merged) {
                 Ok(raw) => checked = Some(raw.check(&self.spans, path, files, &templates)),
                 Err(why) => self.errors.push(ProfileError::about("the layers", why.to_string(), None)),

@@ -48,7 +48,7 @@ pub(crate) fn around(line: &str, byte: usize) -> (String, usize) {
     (shown, caret)
 }
 
-/// Where one key stands. There are as many of them as a profile has keys: in numbers that are as large as files may be.
+/// Where one key stands. A large machine has a hundred thousand of them, so they are small.
 #[derive(Clone, Debug)]
 struct Span {
     layer: u32,
@@ -137,21 +137,22 @@ impl Spans {
         }
     }
 
-    /// What stands in the profile that the layers make is right.
-    pub(crate) fn mark_right(&mut self, profile: &Value) {
-        self.mark("", profile);
-    }
-
-    fn mark(&mut self, path: &str, value: &Value) {
+    /// What stands in the profile that the layers make is right: this value, and whatever is inside.
+    pub(crate) fn mark_right(&mut self, path: &str, value: &Value) {
         match (self.by_path.get_mut(path), path) {
             (Some(span), _) => span.is_right = true,
             (None, "") => {}
             (None, path) => drop(self.brought.insert(path.to_owned())),
         }
         match value {
-            Value::Object(table) => table.iter().for_each(|(key, value)| self.mark(&child(path, key), value)),
+            Value::Object(table) => {
+                table.iter().for_each(|(key, value)| self.mark_right(&child(path, key), value))
+            }
             Value::Array(items) => {
-                items.iter().enumerate().for_each(|(place, item)| self.mark(&element(path, place), item));
+                items
+                    .iter()
+                    .enumerate()
+                    .for_each(|(place, item)| self.mark_right(&element(path, place), item));
             }
             _ => {}
         }

@@ -4,7 +4,7 @@
 //! A thing that cannot be resolved leaves a gap in its list, so that the places of the others, and the checks on
 //! them, stay right; with a single error there is no profile.
 
-use std::cell::{OnceCell, RefCell};
+use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -139,8 +139,8 @@ pub(crate) struct Check<'a> {
     /// What outputs write in CAN frames.
     written_frames: RefCell<Vec<can::Written>>,
     dbcs: RefCell<dbc::Dbcs>,
-    /// How often something is due on each line, once that was asked for.
-    periods: OnceCell<Periods>,
+    /// How often something is due on each line.
+    periods: Periods,
 }
 
 /// A key of the profile under check: where it stands, and what is to be said of it.
@@ -175,7 +175,7 @@ impl RawProfile {
             used: RefCell::new(vec![false; self.signal.len()]),
             written_frames: RefCell::default(),
             dbcs: RefCell::default(),
-            periods: OnceCell::new(),
+            periods: Periods::new(self),
         };
         let profile = check.profile(path);
         let (errors, warnings) = (check.errors.into_inner(), check.warnings.into_inner());
@@ -303,10 +303,6 @@ impl Check<'_> {
     /// A key of the profile itself.
     fn at(&self, key: &str) -> At<'_> {
         At { check: self, path: String::new() }.key(key)
-    }
-
-    fn periods(&self) -> &Periods {
-        self.periods.get_or_init(|| Periods::new(self.raw))
     }
 
     /// Whether a device hangs on a CAN line; `None` where it or its line is not known.

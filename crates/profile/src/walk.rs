@@ -52,7 +52,7 @@ impl Walk<'_> {
         (table.into_inner(), problems.is_empty())
     }
 
-    /// What is right in a table. It goes as what is right comes: two copies of a large machine would be most of the memory.
+    /// What is right in a table, which is used up, so that a large machine is not in memory twice.
     pub(crate) fn table(&mut self, schema: &Value, path: &str, table: DeTable<'_>) -> Value {
         let schema = resolved(self.schema, schema);
         let known = schema.get("properties").and_then(Value::as_object);

@@ -197,7 +197,7 @@ impl RawBus {
         let quirks =
             self.quirks.as_ref().map_or_else(Quirks::default, |quirks| quirks.over(Quirks::default()));
         let timeout =
-            at.key("timeout").duration(self.timeout).unwrap_or_else(|| at.check.periods().timeout(name));
+            at.key("timeout").duration(self.timeout).unwrap_or_else(|| at.check.periods.timeout(name));
         let Some(kind) = self.kind else {
             // Wrong itself: what is written all the same is looked at.
             self.address.as_ref().and_then(|_| self.host_and_port(at));
@@ -341,7 +341,7 @@ pub(super) fn none_waits_for_a_period(check: &Check<'_>) {
     for (name, bus) in &check.raw.bus {
         let at = check.at("bus").key(name).key("timeout");
         let Some(timeout) = bus.timeout.map(|Timespan(timeout)| timeout) else { continue };
-        let of_line = check.periods().of(name).iter();
+        let of_line = check.periods.of(name).iter();
         let mut due: Vec<&Due> = of_line.filter(|(_, every)| *every <= timeout).collect();
         due.sort_by_key(|(_, every)| *every);
         let Some((_, shortest)) = due.first() else { continue };

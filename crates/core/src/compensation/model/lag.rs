@@ -163,6 +163,7 @@ impl Lagged {
 
 /// Below this share of a time constant a series is as exact as a double can be, and several times as fast.
 const SHORT: f64 = 1.0 / 16.0;
+
 /// What a lag makes of some time, in shares of its time constant.
 #[derive(Clone, Copy, Debug)]
 struct Response {
