@@ -403,6 +403,13 @@ fn two_questions_in_one_go_have_no_pause_between_them() {
     let plain = GRINDER.replacen(bus, "pipeline = 2", 1);
     assert_eq!(parse(&plain).unwrap().profile.buses[0].pipeline, 2);
     assert_eq!(parse(GRINDER).unwrap().profile.buses[0].pipeline, 1);
+    assert_eq!(parse(&plain).unwrap().warnings, []);
+    let offset = plain.replacen("writes = \"corrected\"\nposition = \"scale_z\"", "writes = \"offset\"", 1);
+    let warned = parse(&offset).unwrap().warnings;
+    let of_no_use = |warning: &ProfileError| {
+        warning.key == "bus.cell.pipeline" && warning.message.contains("nothing here")
+    };
+    assert_eq!(warned.iter().filter(|warning| of_no_use(warning)).count(), 1, "{warned:?}");
     only_error(&plain.replacen("pipeline = 2", "pipeline = 3", 1), "bus.cell.pipeline", "3");
     for quirk in ["close_after_each = true", "pause_between_requests = \"20ms\""] {
         let quirks = format!("pipeline = 2\nquirks = {{ {quirk} }}");

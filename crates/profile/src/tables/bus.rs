@@ -182,7 +182,7 @@ impl Bus {
         section.entry("timeout", timeout);
         section.entry("late", late);
         if self.pipeline > 1 {
-            section.line("  a corrected position is written and the next one asked for in one go");
+            section.line("  two questions at a time, where a corrected position is written");
             section.entry("pipeline", self.pipeline);
         }
         section.part("serial", serial);

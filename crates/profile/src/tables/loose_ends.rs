@@ -36,6 +36,7 @@ pub(super) fn warn(check: &Check<'_>) {
             at.warn_key(message, None);
         }
     }
+    two_at_a_time(check);
     let of_signals = raw.signal.values().filter_map(|signal| signal.device.as_ref());
     let of_outputs = raw.output.values().filter_map(|output| output.device.as_ref());
     let of_heartbeat = raw.heartbeat.iter().filter_map(|heartbeat| heartbeat.device.as_ref());
@@ -44,6 +45,22 @@ pub(super) fn warn(check: &Check<'_>) {
         if !asked.contains(name) && check.devices.get(index).is_some() {
             let message = format!("nothing is read from `{name}` and nothing is written to it");
             check.at("device").key(name).warn_key(message, None);
+        }
+    }
+}
+
+/// `pipeline` of a line on which no corrected position is written, or nothing is read that could go with it.
+fn two_at_a_time(check: &Check<'_>) {
+    let line = |device: usize| check.devices.get(device).map(|device| device.bus.0);
+    let corrected = check.outputs.right().filter(|output| output.writes.position().is_some());
+    let written: HashSet<usize> = corrected.filter_map(|output| line(output.device.0)).collect();
+    let read: HashSet<usize> = check.signals.right().filter_map(|signal| line(signal.device.0)).collect();
+    for (place, name) in check.buses.names.iter().enumerate() {
+        let is_two = check.buses.get(place).is_some_and(|bus| bus.pipeline > 1);
+        if is_two && !(written.contains(&place) && read.contains(&place)) {
+            let message = "it changes nothing here: only a corrected position that is written on a line on which something is \
+                           read takes the next question along";
+            check.at("bus").key(name).key("pipeline").warn_key(message, Some("remove it"));
         }
     }
 }
