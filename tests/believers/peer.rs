@@ -104,14 +104,19 @@ impl Peer {
     }
 
     /// A lie that must come before the next question. Where that came first after all, the attempt is none: the lie has
-    /// become an answer, which nobody can tell. A pseudo-terminal hands bytes on when the kernel finds the time, either way.
+    /// become an answer, which nobody can tell. A pseudo-terminal hands bytes on when the kernel finds the time, either way;
+    /// and on a busy computer a gateway may be kept from asking for long after its look at what has come.
     pub(crate) async fn lies_before(&mut self, lie: &[u8]) -> io::Result<()> {
         if self.lane.is_void() || self.is_asked() {
             return Ok(());
         }
         self.lane.tries();
         self.say(lie).await?;
+        let turned = self.lane.turned();
         tokio::time::sleep(HANDED_ON).await;
+        while self.lane.turned() == turned {
+            tokio::time::sleep(Duration::from_millis(1)).await;
+        }
         if self.is_asked() {
             self.lane.voids();
         }

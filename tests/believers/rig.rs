@@ -45,6 +45,8 @@ pub(crate) struct Case {
 pub(crate) struct Lane {
     pub(crate) kind: Kind,
     source: OnceLock<Arc<dyn Source>>,
+    /// How often the thread of the gateway has turned to something else.
+    turned: Arc<AtomicU32>,
     /// Attempts made on it.
     tried: AtomicU32,
     /// An attempt was made whose end has not been looked at.
@@ -79,6 +81,10 @@ impl Lane {
     /// From now on it is a good device.
     pub(crate) fn behaves(&self) -> bool {
         self.behaves.load(Ordering::SeqCst)
+    }
+
+    pub(crate) fn turned(&self) -> u32 {
+        self.turned.load(Ordering::SeqCst)
     }
 
     /// Another attempt, and which it is.
@@ -201,9 +207,11 @@ pub(crate) fn none_is_believed(cases: Vec<Case>) {
 impl Case {
     fn run(self) -> Verdict {
         let wrong = Arc::new(Mutex::new(Vec::new()));
+        let turned = Arc::new(AtomicU32::new(0));
         let lane = |number| Lane {
             kind: self.kind,
             source: OnceLock::new(),
+            turned: turned.clone(),
             tried: AtomicU32::new(0),
             is_open: AtomicBool::new(false),
             shown: AtomicU32::new(0),
@@ -328,6 +336,13 @@ fn beside(
         let gateway = Gateway::new(profile, &Clock::wall(), Options::default());
         let source = gateway.source();
         lanes.iter().for_each(|lane| drop(lane.source.set(source.clone())));
+        let turned = lanes[0].turned.clone();
+        tokio::spawn(async move {
+            loop {
+                turned.fetch_add(1, Ordering::SeqCst);
+                tokio::time::sleep(Duration::from_millis(5)).await;
+            }
+        });
         let first = lanes[0].clone();
         if let Some(span) = stands_still {
             tokio::spawn(async move {
