@@ -42,7 +42,7 @@ fn compensation() -> Compensation {
     };
     let expression = Expression::parse("2.4 * max(A - (2e-5*t + 23.4), 0)", &resolve).expect("a formula");
     let input = |place| Input::of(SignalId(place), Reference::Fixed(of(20.0)), None);
-    let late = Input { lag: half_an_hour, ..input(0) };
+    let late = Input::of(SignalId(0), Reference::Fixed(of(20.0)), half_an_hour);
     let matrix =
         Matrix::new("m.json", vec![late, input(1)], SignalId(2), vec![of(0.0), of(20.5)], vec![of(0.5); 4]);
     let node = Node { centre: vec![1.0], width: 2.0, weight: 3.0 };

@@ -1,9 +1,9 @@
 //! Modbus TCP: frames with a transaction number.
 //!
-//! - A transaction number begins anywhere, so that a device which numbers answers of its own from zero, as every
-//!   simple client does, meets none of ours.
-//! - Before a question there is nothing to be read: bytes that answer no open question close the connection, as does
-//!   whatever comes behind an answer.
+//! - Nobody can foresee a transaction number: a device that numbers answers of its own, or is ahead by one, meets none of
+//!   ours.
+//! - Bytes that answer no open question close the connection, as does whatever comes behind an answer. What came before a
+//!   question is found by its number; before a write it is looked for as well, so that the write need not go out.
 //! - A read may go out in the same segment behind another question, with a transaction number of its own.
 
 use std::collections::hash_map::RandomState;
@@ -29,7 +29,8 @@ const LONGEST: usize = HEADER + 1 + pdu::LONGEST;
 /// An open Modbus TCP connection.
 pub struct ModbusTcp {
     port: Tapped,
-    transaction: u16,
+    /// What transaction numbers are drawn from.
+    drawn: u64,
     question: Vec<u8>,
     /// What has come, up to `filled`.
     received: Box<[u8; 2 * LONGEST]>,
@@ -48,10 +49,10 @@ struct First {
 impl ModbusTcp {
     /// On this port, whose bytes pass the tap.
     pub fn new(port: impl Port + 'static, tap: &Tap) -> ModbusTcp {
-        let [low, high, ..] = RandomState::new().build_hasher().finish().to_le_bytes();
         ModbusTcp {
             port: Tapped::new(port, tap),
-            transaction: u16::from_le_bytes([low, high]),
+            // Xorshift stays where it is at zero.
+            drawn: RandomState::new().build_hasher().finish().max(1),
             question: Vec::with_capacity(LONGEST),
             received: Box::new([0; 2 * LONGEST]),
             filled: 0,
@@ -77,11 +78,8 @@ impl ModbusTcp {
             departure.left(asked);
             return answer;
         }
-        match self.port.take_waiting(&mut *self.received) {
-            Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {}
-            Err(error) => return Err(tls_fault(&error).unwrap_or(Fault::CLOSED)),
-            Ok(0) => return Err(Fault::CLOSED),
-            Ok(_) => return Err(Fault::Peer(PeerFault::Unasked)),
+        if !request.is_read() {
+            self.expect_nothing()?;
         }
         self.question.clear();
         let transaction = self.frame(unit, request);
@@ -95,16 +93,39 @@ impl ModbusTcp {
         self.hear(transaction, unit, |message| pdu::answer(request, message)).await
     }
 
+    /// Nothing has come that nobody asked for.
+    fn expect_nothing(&mut self) -> Result<(), Fault> {
+        match self.port.take_waiting(&mut *self.received) {
+            Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {
+                Ok(())
+            }
+            Err(error) => Err(tls_fault(&error).unwrap_or(Fault::CLOSED)),
+            Ok(0) => Err(Fault::CLOSED),
+            Ok(_) => Err(Fault::Peer(PeerFault::Unasked)),
+        }
+    }
+
     /// Adds a question to what is to be sent; its transaction.
     fn frame(&mut self, unit: u8, request: Request<'_>) -> u16 {
-        self.transaction = self.transaction.wrapping_add(1);
+        let transaction = self.draw();
         let begin = self.question.len();
-        self.question.extend(self.transaction.to_be_bytes());
+        self.question.extend(transaction.to_be_bytes());
         self.question.extend([0, 0, 0, 0, unit]);
         pdu::question(request, &mut self.question);
         let length = u16::try_from(self.question.len() - begin - HEADER).unwrap_or(u16::MAX);
         self.question[begin + 4..begin + HEADER].copy_from_slice(&length.to_be_bytes());
-        self.transaction
+        transaction
+    }
+
+    /// The next transaction, by Marsaglia's xorshift. It is not the last one: two questions may be under way together.
+    fn draw(&mut self) -> u16 {
+        let last = self.drawn >> 48;
+        while self.drawn >> 48 == last {
+            self.drawn ^= self.drawn << 13;
+            self.drawn ^= self.drawn >> 7;
+            self.drawn ^= self.drawn << 17;
+        }
+        u16::try_from(self.drawn >> 48).unwrap_or_default()
     }
 
     /// Waits for the answer to this question. The one to the read behind it is kept, whichever of them comes first.

@@ -193,7 +193,8 @@ fn an_input_may_lag_behind_its_signal_and_begins_at_rest_on_its_reference() {
         |rest: &str| NETWORK_KEYS.replace("\"wheelhead\"", &format!("{{ signal = \"wheelhead\", {rest} }}"));
     let loaded = machine(&lagged("reference = \"start\", lag = \"12min\""), n).unwrap();
     let Kind::Network(network) = &loaded.profile.axes[0].settings.models[0].kind else { panic!("a network") };
-    let lags: Vec<_> = network.reads().iter().map(|input| input.lag.map(|lag| lag.as_secs())).collect();
+    let lags: Vec<_> =
+        network.reads().iter().map(|input| input.time_constant().map(|span| span.as_secs())).collect();
     assert_eq!(lags, [None, Some(720)]);
     let reported = reported(&loaded);
     for words in [

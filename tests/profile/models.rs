@@ -21,10 +21,13 @@ fn a_lag_a_slope_levels_and_a_datum_are_taken() {
     assert_eq!(axis.levels.warn.zip(axis.levels.error).map(|(w, e)| (w.get(), e.get())), Some((30.0, 60.0)));
     assert_eq!(axis.datum, Datum::Zero);
     let Kind::Linear(linear) = &axis.models[0].kind else { panic!("linear") };
-    assert_eq!(linear.terms[0].input.lag.map(|lag| lag.as_secs()), Some(1800));
+    assert_eq!(linear.terms[0].input.time_constant().map(|span| span.as_secs()), Some(1800));
     assert_eq!(linear.terms[0].input.reference, Reference::Fixed(Celsius::new(20.0).unwrap()));
     let slope = linear.slope.as_ref().unwrap();
-    assert_eq!((slope.position.0, slope.terms[0].input.lag.map(|lag| lag.as_secs())), (6, Some(7200)));
+    assert_eq!(
+        (slope.position.0, slope.terms[0].input.time_constant().map(|span| span.as_secs())),
+        (6, Some(7200))
+    );
     assert!((slope.reference.get() - -50.0).abs() < 1e-12);
 
     let reported = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();

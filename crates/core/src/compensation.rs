@@ -54,12 +54,20 @@ pub struct Snapshot<'a> {
     pub readings: &'a [Reading],
     /// What is used instead of readings: others stand in for those sensors.
     instead: &'a [Instead],
+    /// The lags have gone on to it, and no reference has been captured since.
+    is_followed: bool,
 }
 
 impl<'a> Snapshot<'a> {
     /// These readings at this moment.
     pub fn new(now: Moment, readings: &'a [Reading]) -> Snapshot<'a> {
-        Snapshot { now, readings, instead: &[] }
+        Snapshot { now, readings, instead: &[], is_followed: false }
+    }
+
+    /// The same after the lags have gone on to it.
+    #[must_use]
+    pub fn followed(self) -> Snapshot<'a> {
+        Snapshot { is_followed: true, ..self }
     }
 
     /// The value of a signal, if it may be used.
@@ -254,10 +262,10 @@ impl Compensation {
                 axis.zero(&self.settings, snapshot.now);
             }
         }
-        self.take_beginnings();
+        let followed = if self.take_beginnings() { *snapshot } else { snapshot.followed() };
         for (axis, control) in self.axes.iter_mut().zip(controls) {
             if due(axis, control) {
-                axis.step(snapshot, &self.machine, *control);
+                axis.step(&followed, &self.machine, *control);
             }
         }
         Stepped { anything: true, noticed }
@@ -356,11 +364,17 @@ impl Compensation {
         self.take_beginnings();
     }
 
-    /// Where sensors are believed again that nobody could read at the machine's start, that is known now.
-    fn take_beginnings(&mut self) {
+    /// Where sensors are believed again that nobody could read at the machine's start, that is known now. Whether there are
+    /// any.
+    fn take_beginnings(&mut self) -> bool {
+        let mut any = false;
         for axis in &mut self.axes {
-            axis.take_beginnings(|signal, beginning| self.machine.begins(signal, beginning));
+            axis.take_beginnings(|signal, beginning| {
+                self.machine.begins(signal, beginning);
+                any = true;
+            });
         }
+        any
     }
 
     /// The time since machine start and references.

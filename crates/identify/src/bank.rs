@@ -216,7 +216,7 @@ pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate
         let snapshot = Snapshot::new(now, &readings);
         compensation.step(&snapshot, &controls);
         let machine = compensation.machine();
-        let known = Inputs { snapshot, machine, lags: &[], splits_slope: false };
+        let known = Inputs { snapshot: snapshot.followed(), machine, lags: &[], splits_slope: false };
         let distance = campaign.position.as_ref().map(|position| {
             snapshot.value(position.input.signal).map_or(f64::NAN, |place| place - position.reference)
         });

@@ -3,7 +3,7 @@ use std::time::Duration;
 use super::*;
 use crate::gateway::log::sample;
 use crate::gateway::sealed::{Found, Which};
-use isotherm_core::compensation::model::{Kind, Reference};
+use isotherm_core::compensation::model::{Input, Kind, Reference};
 use isotherm_core::compensation::{Compensation, Control, Permit, Snapshot};
 use isotherm_core::quantity::Micron;
 use isotherm_core::reading::Reading;
@@ -14,7 +14,7 @@ fn lagging() -> Profile {
     profile.machine.on = None;
     let Kind::Linear(linear) = &mut profile.axes[0].settings.models[0].kind else { panic!("linear") };
     for term in &mut linear.terms {
-        (term.input.lag, term.input.reference) = (Some(Duration::from_secs(1800)), Reference::Start);
+        term.input = Input::of(term.input.signal, Reference::Start, Some(Duration::from_secs(1800)));
     }
     profile
 }

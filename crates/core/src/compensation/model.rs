@@ -19,7 +19,7 @@ pub use envelope::{Beyond, CLEARLY_INSIDE, Coverage, Envelope, Extrapolation, Ou
 pub use expected::{Expected, Growth};
 pub use formula::{Condition, Expression, ExpressionError, Formula, Symbol};
 pub use input::{Input, Rises};
-pub use lag::{Lag, Lagged};
+pub use lag::{Lag, Lagged, TimeConstant};
 pub use linear::{Linear, Slope};
 pub use matrix::Matrix;
 pub use network::Network;

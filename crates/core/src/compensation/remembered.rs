@@ -188,7 +188,7 @@ impl AxisRemembered {
         let mut terms = Vec::new();
         for (model, lags) in settings.models.iter().zip(lags) {
             for ((place, input), lag) in model.rises().enumerate().zip(lags) {
-                let Some((constant, lagged)) = input.lag.zip(lag.kept()) else { continue };
+                let Some((constant, lagged)) = input.time_constant().zip(lag.kept()) else { continue };
                 terms.push(TermRemembered {
                     model: model.name.clone(),
                     term: place,
@@ -224,7 +224,7 @@ impl AxisRemembered {
         let same = |kept: &&TermRemembered| {
             kept.model == model
                 && (kept.term, kept.signal) == (place, input.signal.0)
-                && (Some(kept.constant), kept.reference) == (input.lag, input.reference.into())
+                && (Some(kept.constant), kept.reference) == (input.time_constant(), input.reference.into())
                 && kept.squared == input.squared
         };
         self.lags.iter().find(same).map_or(Lag::default(), |kept| Lag::recalled(kept.lagged))

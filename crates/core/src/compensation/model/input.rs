@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{Inputs, Lag, Term, Unusable};
+use super::{Inputs, Lag, Term, TimeConstant, Unusable};
 use crate::compensation::Snapshot;
 use crate::compensation::instead::{Instead, Says};
 use crate::compensation::reference::{Captured, Machine, Reference};
@@ -17,7 +17,7 @@ pub struct Input {
     /// What the rise is measured from; the number 0 leaves the value itself.
     pub reference: Reference,
     /// Time constant C of the first-order lag, above zero; `None`: the rise acts at once. An envelope's inputs have none.
-    pub lag: Option<Duration>,
+    pub lag: Option<TimeConstant>,
     /// The square of the value counts, less the square of the reference; what lags is that.
     pub squared: bool,
 }
@@ -43,7 +43,12 @@ impl<'a> Rises<'a> {
 impl Input {
     /// The value itself, less its reference.
     pub fn of(signal: SignalId, reference: Reference, lag: Option<Duration>) -> Input {
-        Input { signal, reference, lag, squared: false }
+        Input { signal, reference, lag: lag.map(TimeConstant::of), squared: false }
+    }
+
+    /// The time constant of its lag, where it has one.
+    pub fn time_constant(&self) -> Option<Duration> {
+        self.lag.map(TimeConstant::span)
     }
 
     /// The value that counts, and what is subtracted from it.
@@ -105,9 +110,14 @@ impl Input {
     /// The signal cannot be used, its reference has not been captured, or the rise is no finite number.
     #[inline]
     pub fn rise(&self, inputs: &Inputs<'_>, lag: &Lag) -> Result<Celsius, Unusable> {
+        lag.risen(&inputs.snapshot).map_or_else(|| self.rise_anew(inputs, lag), Ok)
+    }
+
+    #[inline(never)]
+    fn rise_anew(&self, inputs: &Inputs<'_>, lag: &Lag) -> Result<Celsius, Unusable> {
         let (value, reference) = self.level(&inputs.snapshot, inputs.machine)?;
         let rise = match self.lag {
-            Some(_) => lag.rise(self, inputs, value, reference),
+            Some(_) => lag.rise(self, inputs),
             None => Celsius::new(value - reference.value.get()),
         };
         rise.ok_or(Unusable::NotANumber)

@@ -27,9 +27,40 @@ use crate::compensation::Snapshot;
 use crate::compensation::reference::{Captured, Machine, Reference};
 use crate::quantity::{Celsius, Moment, shifted};
 
-/// The lag of one term: nothing before its first reading.
+/// The time constant C of a lag, above zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TimeConstant {
+    span: Duration,
+    per_nanosecond: f64,
+}
+
+impl TimeConstant {
+    /// Of this span.
+    pub fn of(span: Duration) -> TimeConstant {
+        TimeConstant { span, per_nanosecond: 1e-9 / span.as_secs_f64() }
+    }
+
+    /// How long it is.
+    pub fn span(self) -> Duration {
+        self.span
+    }
+
+    /// How much of it so many nanoseconds are. By way of a signed number, for which processors have an instruction.
+    #[inline]
+    #[allow(clippy::cast_precision_loss, reason = "a share of a time constant needs no more")]
+    fn share(self, nanoseconds: u64) -> f64 {
+        i64::try_from(nanoseconds).unwrap_or(i64::MAX) as f64 * self.per_nanosecond
+    }
+}
+
+/// The lag of one term.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Lag(Option<Lagged>);
+pub struct Lag {
+    /// Nothing before its first reading.
+    lagged: Option<Lagged>,
+    /// It has gone on to a reading of its own sensor at the snapshot that came last.
+    is_abreast: bool,
+}
 
 /// A temperature and the one that follows it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -48,24 +79,24 @@ pub struct Lagged {
 
 impl Lag {
     /// Of what has none.
-    pub(super) const NONE: Lag = Lag(None);
+    pub(super) const NONE: Lag = Lag { lagged: None, is_abreast: false };
 
     /// The lag as it was kept.
     pub fn recalled(lagged: Lagged) -> Lag {
-        Lag(Some(lagged))
+        Lag { lagged: Some(lagged), is_abreast: false }
     }
 
     /// What is worth keeping.
     pub fn kept(&self) -> Option<Lagged> {
-        self.0
+        self.lagged
     }
 
     /// The machine was started. One that is measured from that, and whose start nobody could read, begins anew; every other
     /// one does where its start is captured.
     pub(in crate::compensation) fn started(&mut self, input: &Input) {
-        let is_captured = self.0.is_some_and(|lagged| lagged.captured != Moment::default());
+        let is_captured = self.lagged.is_some_and(|lagged| lagged.captured != Moment::default());
         if input.reference == Reference::Start && !is_captured {
-            self.0 = None;
+            *self = Lag::NONE;
         }
     }
 
@@ -73,36 +104,30 @@ impl Lag {
     #[inline]
     pub fn follow(&mut self, input: &Input, snapshot: &Snapshot<'_>, machine: &Machine) {
         let Some(constant) = input.lag else { return };
+        self.is_abreast = false;
         let Ok((value, reference)) = input.level(snapshot, machine) else { return };
-        let lagged = self.0.get_or_insert_with(|| Lagged::begin(value, reference, snapshot.now));
+        let lagged = self.lagged.get_or_insert_with(|| Lagged::begin(value, reference, snapshot.now));
         lagged.begin_from(input.reference, reference);
         lagged.advance(value, snapshot.now, constant);
         lagged.measure_from(input.reference, reference);
+        self.is_abreast = snapshot.instead.is_empty();
         // A reading of 1e308 may be believed by a profile without ranges; it must not stay for ever.
         if !lagged.follower.is_finite() {
-            self.0 = None;
+            *self = Lag::NONE;
         }
     }
 
-    /// The lagged rise at this snapshot, whose reading and reference are these; `None` where it is no number.
+    /// The lagged rise at this snapshot; `None` where it is no number.
+    pub(super) fn rise(mut self, input: &Input, inputs: &Inputs<'_>) -> Option<Celsius> {
+        self.follow(input, &inputs.snapshot, inputs.machine);
+        self.lagged.as_ref().and_then(Lagged::rise)
+    }
+
+    /// The same where it has gone on to this snapshot already, as in every step.
     #[inline]
-    pub fn rise(
-        &self,
-        input: &Input,
-        inputs: &Inputs<'_>,
-        value: f64,
-        reference: Captured,
-    ) -> Option<Celsius> {
-        let rise = |lagged: &Lagged| Celsius::new(lagged.follower - lagged.from);
-        match &self.0 {
-            // As every step has it: the lag has gone on to this snapshot already.
-            Some(lagged) if lagged.has_followed(inputs.snapshot.now, value, reference) => rise(lagged),
-            _ => {
-                let mut lag = *self;
-                lag.follow(input, &inputs.snapshot, inputs.machine);
-                lag.0.as_ref().and_then(rise)
-            }
-        }
+    pub(super) fn risen(&self, snapshot: &Snapshot<'_>) -> Option<Celsius> {
+        let is_abreast = self.is_abreast && snapshot.is_followed && snapshot.instead.is_empty();
+        self.lagged.as_ref().filter(|_| is_abreast)?.rise()
     }
 }
 
@@ -119,11 +144,15 @@ impl Lagged {
         Lagged { at, input, follower: from, from, captured }
     }
 
+    #[inline]
+    fn rise(&self) -> Option<Celsius> {
+        Celsius::new(self.follower - self.from)
+    }
+
     /// The exact solution. Where no time has passed, or it ran back, the follower stays where it is.
     #[inline]
-    fn advance(&mut self, input: f64, now: Moment, constant: Duration) {
-        let passed = now.as_nanos().saturating_sub(self.at.as_nanos());
-        let share = number(passed) / number(nanoseconds(constant));
+    fn advance(&mut self, input: f64, now: Moment, constant: TimeConstant) {
+        let share = constant.share(now.as_nanos().saturating_sub(self.at.as_nanos()));
         if share > 0.0 {
             let Response { gone, along } = Response::after(share);
             self.follower += gone * (self.input - self.follower);
@@ -143,10 +172,6 @@ impl Lagged {
         }
     }
 
-    fn has_followed(&self, now: Moment, input: f64, reference: Captured) -> bool {
-        self.at == now && self.input.to_bits() == input.to_bits() && self.captured == reference.at
-    }
-
     fn measure_from(&mut self, kind: Reference, reference: Captured) {
         let anew = reference.at != self.captured;
         self.captured = reference.at;
@@ -162,7 +187,7 @@ impl Lagged {
 }
 
 /// Below this share of a time constant a series is as exact as a double can be, and several times as fast.
-const SHORT: f64 = 1.0 / 16.0;
+const SHORT: f64 = 1.0 / 32.0;
 
 /// What a lag makes of some time, in shares of its time constant.
 #[derive(Clone, Copy, Debug)]
@@ -186,22 +211,12 @@ impl Response {
     }
 }
 
-/// 1/2! − x/3! + x²/4! − … − x⁹/11!, in pairs: each waits for few of the others.
+/// 1/2! − x/3! + x²/4! − … + x⁶/8!, in pairs: each waits for few of the others.
 fn series(x: f64) -> f64 {
     let (x2, x4) = (x * x, x * x * (x * x));
     let first = (1.0 / 2.0 - x * (1.0 / 6.0)) + (1.0 / 24.0 - x * (1.0 / 120.0)) * x2;
-    let second = (1.0 / 720.0 - x * (1.0 / 5_040.0)) + (1.0 / 40_320.0 - x * (1.0 / 362_880.0)) * x2;
-    first + (second + (1.0 / 3_628_800.0 - x * (1.0 / 39_916_800.0)) * x4) * x4
-}
-
-fn nanoseconds(span: Duration) -> u64 {
-    span.as_secs().saturating_mul(1_000_000_000).saturating_add(span.subsec_nanos().into())
-}
-
-/// By way of a signed number, for which processors have an instruction.
-#[allow(clippy::cast_precision_loss, reason = "a share of a time constant needs no more")]
-fn number(nanoseconds: u64) -> f64 {
-    i64::try_from(nanoseconds).unwrap_or(i64::MAX) as f64
+    let second = (1.0 / 720.0 - x * (1.0 / 5_040.0)) + x2 * (1.0 / 40_320.0);
+    first + second * x4
 }
 
 #[cfg(test)]

@@ -61,10 +61,11 @@ impl Gathered {
         if let Some(constant) = input.lag.filter(|_| !was_there && self.lag.kept().is_some()) {
             let captured = machine.captured(Reference::Start, input.signal);
             let begins_at_rest = captured.is_some_and(|captured| captured.at == seen.now);
-            let settles = if begins_at_rest { Duration::ZERO } else { constant.saturating_mul(FORGOTTEN) };
+            let settles =
+                if begins_at_rest { Duration::ZERO } else { constant.span().saturating_mul(FORGOTTEN) };
             self.ready = seen.now.after(settles);
         }
-        let inputs = Inputs { snapshot: *seen, machine, lags: &[], splits_slope: false };
+        let inputs = Inputs { snapshot: seen.followed(), machine, lags: &[], splits_slope: false };
         let Ok(rise) = input.rise(&inputs, &self.lag) else { return };
         let is_own = seen.instead_of(input.signal).is_none();
         (if is_own { &mut self.own } else { &mut self.lent }).take(rise.get());

@@ -47,7 +47,7 @@ type TermOfModel = (usize, Option<Duration>);
 
 /// What a model's terms read.
 fn terms(model: &Model) -> impl Iterator<Item = TermOfModel> {
-    model.rises().map(|input| (input.signal.0, input.lag))
+    model.rises().map(|input| (input.signal.0, input.time_constant()))
 }
 
 shifted!(WatchRemembered: sensors, bank, shadows, until, looked);

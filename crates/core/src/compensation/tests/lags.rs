@@ -1,6 +1,6 @@
 use super::*;
 use crate::compensation::model::network::{Activation, Layer, Layers, Net, Scaling};
-use crate::compensation::model::{Input, Matrix, Network};
+use crate::compensation::model::{Input, Matrix, Network, TimeConstant};
 use crate::quantity::of;
 
 /// Janeczko's example: K = 11.5e-6 1/K, L = 300 mm, C = 1800 s.
@@ -166,7 +166,11 @@ fn a_term_that_is_another_one_now_begins_anew() {
     for other in [
         linear("other", 0.0, &[same]),
         linear("lag", 0.0, &[Term { input: Input { signal: WHEELHEAD, ..same.input }, ..same }]),
-        linear("lag", 0.0, &[Term { input: Input { lag: Some(seconds(900.0)), ..same.input }, ..same }]),
+        linear(
+            "lag",
+            0.0,
+            &[Term { input: Input { lag: Some(TimeConstant::of(seconds(900.0))), ..same.input }, ..same }],
+        ),
     ] {
         assert!(begin(other.clone()).abs() < 1e-12, "{other:?}");
     }

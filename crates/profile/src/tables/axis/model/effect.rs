@@ -35,7 +35,7 @@ pub(super) fn effect_of(profile: &Profile, input: &Input, change: f64, place: &s
 pub(super) fn late(profile: &Profile, input: &Input, place: &str) -> String {
     let signal = &profile.signal(input.signal).name;
     let behind = |lag: Duration| format!("{place} (63 % of it {} after {signal} has risen)", shown(lag));
-    input.lag.map_or_else(|| place.to_owned(), behind)
+    input.time_constant().map_or_else(|| place.to_owned(), behind)
 }
 
 /// Where the effect of a signal is shown: in the middle of its range.
@@ -69,7 +69,7 @@ pub(super) fn rise(profile: &Profile, input: &Input) -> String {
 
 /// ` lagged by 30m`.
 pub(super) fn lagged(input: &Input) -> String {
-    input.lag.map_or_else(String::new, |lag| format!(" lagged by {}", shown(lag)))
+    input.time_constant().map_or_else(String::new, |lag| format!(" lagged by {}", shown(lag)))
 }
 
 /// Without the last digits, which come from binary fractions.

@@ -66,7 +66,7 @@ impl HalvesFile {
 
 impl HalfTerm {
     fn of(&self, term: &Term, name: &str) -> Result<f64, String> {
-        let lag = term.input.lag.unwrap_or_default();
+        let lag = term.input.time_constant().unwrap_or_default();
         if self.signal != name || (self.lag_s - lag.as_secs_f64()).abs() > 1e-3 {
             let (signal, lag_s) = (&self.signal, figure(self.lag_s));
             return Err(format!("{name} with a lag of {}, and {signal} with {lag_s} s here", shown(lag)));

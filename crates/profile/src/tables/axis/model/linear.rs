@@ -327,7 +327,8 @@ fn parts<Gain: Copy + Into<f64>>(terms: &[Term<Gain>]) -> Vec<(Input, f64)> {
 
 /// The gains of each signal and each lag added up.
 fn gains<Gain: Copy + Into<f64>>(terms: &[Term<Gain>]) -> Vec<(Input, f64)> {
-    let keyed = parts(terms).into_iter().map(|part| ((part.0.signal, part.0.squared, part.0.lag), part));
+    let keyed =
+        parts(terms).into_iter().map(|part| ((part.0.signal, part.0.squared, part.0.time_constant()), part));
     let sum = |parts: Vec<(Input, f64)>| (parts[0].0, parts.iter().map(|(_, gain)| gain).sum());
     grouped(keyed).into_iter().map(|(_, parts)| sum(parts)).collect()
 }
