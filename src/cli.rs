@@ -28,6 +28,7 @@ mod gauge;
 #[cfg(feature = "identify")]
 mod identify;
 mod init;
+mod journal_stream;
 mod logs;
 mod machines;
 mod measured;
@@ -255,8 +256,7 @@ fn is_closed_pipe(error: &anyhow::Error) -> bool {
 /// Lines of the log that wait for a slow reader; more are lost.
 const UNREAD: usize = 2048;
 
-/// Starts the log on stderr. Under a service manager, which stamps lines itself, without times. A thread of its own writes
-/// it, so that nobody waits for a reader who does not read; what it has not written is written when the guard is dropped.
+/// Starts the log on stderr, in the journal's form where that is the journal. A thread of its own writes it, so that nobody waits for a reader who does not read; what it has not written is written when the guard is dropped.
 fn start_log(filter: &str) -> WorkerGuard {
     use tracing_subscriber::EnvFilter;
     use tracing_subscriber::field::MakeExt;
@@ -277,10 +277,9 @@ fn start_log(filter: &str) -> WorkerGuard {
         .with_writer(writer)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false);
-    // The service manager has the time beside them.
-    let lines = match std::env::var_os("JOURNAL_STREAM") {
-        Some(_) => lines.without_time().boxed(),
-        None => lines.boxed(),
+    let lines = match journal_stream::is_stderr() {
+        true => lines.event_format(journal_stream::Prioritised::new()).boxed(),
+        false => lines.boxed(),
     };
     // A second start in one process, as tests make, keeps the first.
     let _ = tracing_subscriber::registry().with(lines.with_filter(filter.and(Sparing::begin()))).try_init();

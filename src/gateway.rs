@@ -7,6 +7,7 @@
 use std::collections::HashMap;
 use std::future::Future;
 use std::path::PathBuf;
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -20,7 +21,7 @@ use crate::fieldbus::line::DeviceLine;
 use crate::observe::events::{Event, Journal, file};
 use crate::observe::status::Source;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{AxisId, Bus, BusId, Output, Profile};
+use isotherm_profile::{AxisId, Bus, BusId, OnStop, Output, Profile};
 
 mod arming;
 mod board;
@@ -34,6 +35,7 @@ mod disk;
 mod ending;
 mod execute;
 mod extrapolation;
+mod handover;
 mod inspector;
 mod ledger;
 mod left;
@@ -51,6 +53,7 @@ mod rates;
 mod reported;
 mod restart;
 mod sealed;
+mod service_manager;
 mod shared;
 mod sign;
 mod signing;
@@ -74,6 +77,7 @@ use storage::Storage;
 use watch::Watch;
 
 pub use disk::{Disk, Files, make_directory};
+pub use handover::Handover;
 pub use left::may_start;
 pub use why::how_to_find_a_model;
 pub use wire_log::WireLog;
@@ -82,6 +86,9 @@ pub use wire_log::WireLog;
 const NOT_BELIEVED: &str = "what was saved here did not fit (see the events), and nobody has armed since";
 /// How long the end of a run waits for the ledger to be on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
+
+/// How often a service manager hears that a stop goes on.
+const TOLD_EVERY: Duration = Duration::from_secs(1);
 
 /// So many events from before the start are shown.
 const RECALLED: usize = 100;
@@ -160,6 +167,8 @@ pub struct Outcome {
     pub rested: bool,
     /// What stays in the registers, as a sentence.
     pub left: String,
+    /// It was to be replaced, and moved nothing: what the program that takes its place is given.
+    pub handover: Option<Handover>,
 }
 
 impl Gateway {
@@ -220,8 +229,8 @@ impl Gateway {
         Arc::new(Panel::new(self.shared.clone(), directory))
     }
 
-    /// Runs until `shutdown` is ready or something fails inside, then runs the fault actions, and returns when the axes
-    /// are at rest or their time is over. `hurry` ends that early.
+    /// Runs until `shutdown` is ready, something fails inside, or another program is to take its place. Then the fault actions
+    /// run, or the registers keep what they hold, and it returns when that is done or its time is over. `hurry` ends it early.
     pub async fn run(
         mut self,
         shutdown: impl Future<Output = ()>,
@@ -234,21 +243,33 @@ impl Gateway {
         let machine = self.shared.profile.name.clone();
         self.shared.report(&Event::Started { machine, bus_requests: requests });
         let _watch = self.options.has_threads.then(|| self.watch(&stop));
-        tokio::select! {
+        let (mut shutdown, on_stop) = (pin!(shutdown), self.shared.profile.on_stop);
+        let asked = tokio::select! {
             biased;
-            () = shutdown => {}
-            () = stop.notified() => self.shared.core().failed = true,
+            () = &mut shutdown => Some(on_stop),
+            () = stop.notified() => self.failed(),
             Some(ended) = tasks.join_next_with_id() => {
                 self.line_failed(ended.map(|(id, ())| id), &mut tasks, &mut lines);
+                self.failed()
             }
-        }
-        let within = ending::begin_stop(&self.shared);
-        self.shared.report(&Event::Stopping { within });
-        let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
-        let rested = tokio::select! {
-            biased;
-            rested = self.rest(within) => rested,
-            () = hurry => false,
+            () = self.shared.replaced.notified() => None,
+        };
+        let asked = match asked {
+            // A stop is heard while the registers settle for another program, too.
+            None => tokio::select! {
+                biased;
+                () = &mut shutdown => Some(on_stop),
+                _ = self.settle() => None,
+            },
+            asked => asked,
+        };
+        let rested = match asked {
+            None => true,
+            Some(how) => tokio::select! {
+                biased;
+                rested = self.stop(how) => rested,
+                () = hurry => false,
+            },
         };
         self.release_strobes().await;
         // No time passes any more, however long the tasks and the disk take to come to their end.
@@ -259,7 +280,49 @@ impl Gateway {
         ending::end_registers(&self.shared);
         self.shared.ledger.finish(LAST_PATIENCE).await;
         let failed = self.keep_for_the_last_time();
-        Outcome { failed, rested, left }
+        let handover = asked.is_none().then(|| self.handover());
+        Outcome { failed, rested, left, handover }
+    }
+
+    /// A fault inside is no stop that somebody asked for: the fault actions run, whatever the profile says of a stop.
+    fn failed(&self) -> Option<OnStop> {
+        self.shared.core().failed = true;
+        Some(OnStop::FaultAction)
+    }
+
+    /// The end that was asked for. Whether what belongs to it came to its end in its time.
+    async fn stop(&self, how: OnStop) -> bool {
+        let within = ending::begin_stop(&self.shared, how);
+        let holds = how == OnStop::Hold;
+        self.shared.report(&Event::Stopping { holds, within });
+        let does = match how {
+            OnStop::FaultAction => "stopping: the fault actions run",
+            OnStop::Hold => "stopping: the registers keep what they hold",
+        };
+        service_manager::stopping(does, within);
+        match how {
+            OnStop::FaultAction => self.wait_until(within, ending::at_rest).await,
+            OnStop::Hold => self.settled(within).await,
+        }
+    }
+
+    /// Nothing is decided any more, and what is under way comes to its end: another program takes the place of this one.
+    async fn settle(&self) -> bool {
+        let within = ending::begin_stop(&self.shared, OnStop::Hold);
+        self.shared.report(&Event::Stopping { holds: true, within });
+        service_manager::reloading("another program takes over; the registers keep what they hold");
+        self.settled(within).await
+    }
+
+    /// A register that is not known to have settled is no failure of a stop that moves nothing: the next start waits for it.
+    async fn settled(&self, within: Duration) -> bool {
+        let _ = self.wait_until(within, ending::has_settled).await;
+        true
+    }
+
+    fn handover(&self) -> Handover {
+        let core = self.shared.core();
+        Handover::of(&core, core.replaced_by.clone())
     }
 
     /// Puts the state on disk. Whether something failed inside.
@@ -325,7 +388,6 @@ impl Gateway {
         let Some(bus) = lines.remove(&id) else { return };
         let task = format!("bus {}", self.shared.profile.bus(bus).name);
         self.shared.report(&Event::TaskFailed { task, why });
-        self.shared.core().failed = true;
         let sleeper = self.shared.clock.join();
         self.shared.register_wakeup(bus, sleeper.wakeup());
         let Some((again, listener)) = self.line_task(bus, self.shared.clock.now()) else { return };
@@ -345,13 +407,19 @@ impl Gateway {
         }
     }
 
-    /// Waits until every axis is at rest; `false` where that takes too long.
-    async fn rest(&self, within: Duration) -> bool {
+    /// Waits until this is so; `false` where it takes too long.
+    async fn wait_until(&self, within: Duration, is_over: impl Fn(&Shared) -> bool) -> bool {
         let mut sleeper = self.shared.clock.join();
         let deadline = sleeper.now().after(within);
-        while !ending::at_rest(&self.shared) {
-            if sleeper.now() >= deadline {
+        let mut told = sleeper.now();
+        while !is_over(&self.shared) {
+            let now = sleeper.now();
+            if now >= deadline {
                 return false;
+            }
+            if now.since(told) >= TOLD_EVERY {
+                told = now;
+                service_manager::takes(deadline.since(now));
             }
             sleeper.sleep(Duration::from_millis(100)).await;
         }

@@ -4,6 +4,7 @@
 use std::fmt::Arguments;
 use std::io::{Error, Result, Write, stdout};
 
+use super::journal_stream;
 use isotherm_profile::lines;
 
 /// Standard output, which says so where it cannot be written.
@@ -68,7 +69,9 @@ const MOST_SAID: usize = 64_000;
 
 /// A line beside that: a warning, or how far something is. It is lost where nobody takes it.
 pub(crate) fn beside(text: Arguments<'_>) {
-    let _ = std::io::stderr().write_all(format!("{}\n", readable(&lines(&text.to_string()))).as_bytes());
+    let text = readable(&lines(&text.to_string()));
+    let text = if journal_stream::is_stderr() { journal_stream::prioritised(&text) } else { text };
+    let _ = std::io::stderr().write_all(format!("{text}\n").as_bytes());
 }
 
 /// As much of a text as a person can read.

@@ -24,7 +24,7 @@ use isotherm_core::compensation::settings::OnFault;
 use isotherm_core::compensation::{AxisState, Compensation, Control, Remembered, Snapshot};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::Reason;
-use isotherm_profile::{Arm, AxisId, Output, OutputId, Profile, Writes};
+use isotherm_profile::{Arm, AxisId, OnStop, Output, OutputId, Profile, Writes};
 
 /// What a request to arm waits for is reported at most this often.
 const WAITING_REPORTED_EVERY: Duration = Duration::from_secs(10);
@@ -53,7 +53,8 @@ pub(super) struct Core {
     /// By axis: when a change that it decided must have left at the latest.
     pub(super) not_after: Vec<Moment>,
     pub(super) pauses: Pauses,
-    pub(super) stopping: bool,
+    /// It was asked to stop, and what that does.
+    pub(super) stop: Option<OnStop>,
     /// The lines end now: no strobe stays up.
     pub(super) leaving: bool,
     /// An axis has been armed since the start.
@@ -65,6 +66,8 @@ pub(super) struct Core {
     pub(super) stepped_at: Moment,
     /// When the next one is due.
     pub(super) next_due: Option<Moment>,
+    /// Who wanted another program in the place of this one, as it stands in a sentence.
+    pub(super) replaced_by: String,
     /// Something failed inside: the process ends with an error after the fault actions.
     pub(super) failed: bool,
     controls: Vec<Control>,
@@ -94,12 +97,13 @@ impl Core {
             restarts: Restarts::new(profile),
             not_after: vec![Moment::default(); profile.axes.len()],
             pauses: Pauses::default(),
-            stopping: false,
+            stop: None,
             leaving: false,
             was_armed: false,
             was_driven: vec![false; profile.axes.len()],
             has_read: false,
             stepped_at: Moment::default(),
+            replaced_by: String::new(),
             failed: false,
             events: Vec::new(),
             lock_times: LockTimes::default(),
@@ -112,6 +116,10 @@ impl Core {
     /// Steps each axis that is due, or has something new to take in; `false` where there was none.
     pub(super) fn advance(&mut self, now: Moment) -> bool {
         let Given { profile, dependents, .. } = &self.given.clone();
+        // What was decided before a stop that keeps the registers is carried out, and nothing else.
+        if self.stop == Some(OnStop::Hold) {
+            return false;
+        }
         // Where time went back, every axis is due.
         let due = self.next_due.is_some_and(|due| now >= due) || now < self.stepped_at;
         if due {
@@ -185,6 +193,11 @@ impl Core {
         true
     }
 
+    /// It is stopping, and its axes run their fault actions.
+    pub(super) fn runs_fault_actions(&self) -> bool {
+        self.stop == Some(OnStop::FaultAction)
+    }
+
     /// What the world outside allows each axis, worked out again where it may have changed; whether one of them is to be
     /// stepped for that at once.
     fn refresh_controls(&mut self, now: Moment) -> bool {
@@ -195,7 +208,7 @@ impl Core {
             let axis = output.or_else(|| self.arming.next_changed()).or_else(|| self.probing.next_changed());
             let Some(axis) = axis else { return is_urgent };
             let arming = &self.arming[axis];
-            let permit = arming.permit(profile, axis, &self.outputs, self.stopping, *dry_run);
+            let permit = arming.permit(profile, axis, &self.outputs, self.runs_fault_actions(), *dry_run);
             let Arming { take_over, take_over_slope, trust, .. } = *arming;
             let sign = arming.sign.as_ref().map(|check| check.to);
             let Probing { forget, measured, .. } = self.probing[axis];
@@ -213,7 +226,7 @@ impl Core {
 
     pub(super) fn arm_where_possible(&mut self, now: Moment) {
         let profile = &*self.given.profile.clone();
-        if self.stopping {
+        if self.stop.is_some() {
             return;
         }
         self.end_requests(now);
@@ -463,7 +476,7 @@ impl Core {
             if self.arming[place].tripped != is_tripped {
                 self.arming[place].tripped = is_tripped;
             }
-            let over = is_tripped && ended && !self.stopping;
+            let over = is_tripped && ended && self.stop.is_none();
             if over && self.has_arrived(place) {
                 let why =
                     "its model asked for more than the error level; arm it again when the cause is found";
@@ -508,7 +521,7 @@ impl Core {
             let settings = &profile.axes[axis].settings;
             let why = || self.why(axis, now);
             let distrusted = self.compensation.distrusted(axis);
-            reported.report(profile, settings, decision, (why, self.stopping), &mut events);
+            reported.report(profile, settings, decision, (why, self.stop.is_some()), &mut events);
             reported.report_distrusted(profile, settings, decision, distrusted, &mut events);
         }
         (self.events, self.reported) = (events, reported);
@@ -524,7 +537,7 @@ impl Core {
             contact: &self.contact,
             seen: self.board.seen(),
             has_run: self.compensation.machine().on_time(now).is_some(),
-            stopping: self.stopping,
+            stopping: self.runs_fault_actions(),
             dry_run: self.given.dry_run,
         })
     }

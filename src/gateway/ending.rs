@@ -1,4 +1,4 @@
-//! The end of a run: the fault actions, how long they take, and what they leave.
+//! The end of a run: the fault actions, or registers that keep what they hold; how long that takes, and what it leaves.
 
 use std::time::Duration;
 
@@ -8,39 +8,34 @@ use super::shared::Shared;
 use super::units::Units;
 use isotherm_core::compensation::AxisState;
 use isotherm_core::compensation::settings::OnFault;
-use isotherm_profile::Share;
+use isotherm_profile::{OnStop, Share, stop};
 
-/// A request to stop: the axes take their fault actions. How long that takes at most.
-pub(super) fn begin_stop(shared: &Shared) -> Duration {
+/// A request to stop: the axes take their fault actions, or nothing more is decided. How long that takes at most.
+pub(super) fn begin_stop(shared: &Shared, how: OnStop) -> Duration {
     let mut core = shared.core();
-    core.stopping = true;
+    core.stop = Some(how);
     core.arming.note_all();
-    let exchange = shared.profile.sets.iter().filter_map(|set| Some(set.handshake?.timeout * 2)).max();
-    let settle =
-        shared.profile.outputs.iter().filter_map(|output| Some(output.applied.as_ref()?.settle)).max();
-    let exchange = exchange.unwrap_or_default() + settle.unwrap_or_default();
-    let axes = shared.profile.axes.iter().zip(core.compensation.decisions());
-    // A slope goes to zero beside Cz, in steps of the same size.
-    let times = axes.flat_map(|(axis, decision)| {
-        [decision.cz, decision.slope].map(|way| {
-            // Each step may have to wait for its acknowledge, and to be applied.
-            let steps = way.abs().get() / axis.settings.guard.step.get() + 2.0;
-            axis.settings.time_to_rest(way) + exchange.mul_f64(steps)
-        })
-    });
-    let longest = times.max();
+    core.next_due = core.compensation.next_due().filter(|_| how == OnStop::FaultAction);
+    if how == OnStop::Hold {
+        drop(core);
+        return stop::hold(&shared.profile);
+    }
+    let ways = core.compensation.decisions().map(|decision| [decision.cz, decision.slope]);
+    let longest = stop::fault_actions(&shared.profile, ways);
     // What may still arrive can forbid the next step for so long, of a device that answers.
     let answers = core.outputs.states().iter().filter(|output| output.standing == Standing::Verified);
     let now = shared.clock.now();
     let waits = answers.filter_map(|output| Some(output.waits_until?.since(now))).max();
     drop(core);
     shared.wake();
-    // The last value is still to be written and read back, by a device that may be slow.
-    let slowest = shared.profile.buses.iter().map(|bus| bus.timeout * 6).max();
-    waits.unwrap_or_default()
-        + longest.unwrap_or_default()
-        + slowest.unwrap_or_default()
-        + Duration::from_secs(2)
+    longest.saturating_add(waits.unwrap_or_default())
+}
+
+/// Nothing is under way in a register: a stop now is one in order.
+pub(super) fn has_settled(shared: &Shared) -> bool {
+    let core = shared.core();
+    let waits = core.outputs.states().iter().any(|output| output.handshake.waits.is_some());
+    !waits && core.registers.iter().flatten().copied().all(|mut state| state.end().in_order)
 }
 
 /// The process ends: what may still arrive in the registers goes on disk, and whether it ended in order.
@@ -63,11 +58,13 @@ pub(super) fn end_registers(shared: &Shared) {
 /// The lines drop what strobes are up, and what says that an axis is armed; whether there is one.
 pub(super) fn leave(shared: &Shared) -> bool {
     let mut core = shared.core();
+    // Where the registers keep what they hold, the control goes on with it.
+    let drops_enabled = core.runs_fault_actions();
     let any = core
         .outputs
         .states()
         .iter()
-        .any(|output| output.handshake.strobe_up || output.handshake.says_enabled);
+        .any(|output| output.handshake.strobe_up || (drops_enabled && output.handshake.says_enabled));
     core.leaving = true;
     drop(core);
     if any {

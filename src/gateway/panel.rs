@@ -182,7 +182,7 @@ impl CommandHandle {
         self.carry_out((command.name().to_owned(), names), asker, Answer::text, |core| {
             let chosen = chosen?;
             match command {
-                Command::Arm if core.stopping => Err("the gateway is stopping".to_owned()),
+                Command::Arm if core.stop.is_some() => Err("the gateway is stopping".to_owned()),
                 Command::Arm => self.arm(core, axis, asker),
                 Command::Disarm => {
                     for axis in &chosen {
@@ -420,7 +420,7 @@ impl CommandHandle {
                     "{axis}: what probings have taught is taken back; Cz goes there step by step"
                 ));
             };
-            if core.stopping {
+            if core.stop.is_some() {
                 return Err("the gateway is stopping".to_owned());
             }
             let of_radius = if settings.diameter { 0.5 } else { 1.0 };

@@ -7,6 +7,8 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
+use tokio::sync::Notify;
+
 use super::core::{Core, Given};
 use super::dependents::Dependents;
 use super::ledger::Ledger;
@@ -31,6 +33,8 @@ pub(crate) struct Shared {
     news: Vec<AtomicU64>,
     turns: Vec<AtomicU64>,
     core: Mutex<Core>,
+    /// Another program is to take the place of this one.
+    pub(super) replaced: Notify,
     /// When each command was taken last.
     rates: Mutex<Rates>,
 }
@@ -58,6 +62,7 @@ impl Shared {
             news: counts(),
             turns: counts(),
             core: Mutex::new(core(given)),
+            replaced: Notify::new(),
             rates: Mutex::default(),
             clock,
             profile,

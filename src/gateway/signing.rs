@@ -22,7 +22,7 @@ pub(super) fn begin(core: &mut Core, axis: usize, asker: &Arc<Asker>, now: Momen
     if !profile.axes[axis].has_model() {
         return Err(format!("axis {name}: {}", why::unmodelled(&profile, axis)));
     }
-    if dry_run || core.stopping {
+    if dry_run || core.stop.is_some() {
         let why = if dry_run { "nothing is written in a dry run" } else { "the gateway is stopping" };
         return Err(why.to_owned());
     }

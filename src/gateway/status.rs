@@ -31,6 +31,7 @@ struct Picture {
     /// How long the machine has been running.
     machine_on: Option<Duration>,
     stopping: bool,
+    runs_fault_actions: bool,
     decisions: Vec<Decision>,
     arming: Vec<Arming>,
     is_warned: Vec<bool>,
@@ -54,7 +55,8 @@ impl Picture {
         let mut picture = Picture {
             now,
             machine_on: core.compensation.machine().on_time(now),
-            stopping: core.stopping,
+            stopping: core.stop.is_some(),
+            runs_fault_actions: core.runs_fault_actions(),
             decisions: core.compensation.decisions().copied().collect(),
             arming: core.arming.as_slice().to_vec(),
             signs: core.storage.signs.clone(),
@@ -91,7 +93,7 @@ impl Picture {
             contact: &self.contact,
             seen: &self.seen,
             has_run: self.machine_on.is_some(),
-            stopping: self.stopping,
+            stopping: self.runs_fault_actions,
             dry_run: shared.dry_run,
         };
         reasons.message()

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
+use super::service_manager::Report;
 use super::shared::Shared;
 use crate::clock::Looks;
 use crate::observe::events::Event;
@@ -37,6 +38,7 @@ impl Watch {
         let watch = move || {
             let mut stuck = Duration::ZERO;
             let mut is_reported = false;
+            let mut report = Report::begin();
             own.away_for(LOOK_EVERY);
             while receiver.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) {
                 let (last, now) = (own.last(), shared.clock.now());
@@ -52,7 +54,7 @@ impl Watch {
                     continue;
                 }
                 let Some(late) = late_line(&shared, &mut lines, &mut stuck) else {
-                    let _ = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]);
+                    report.lives(&shared, LOOK_EVERY);
                     continue;
                 };
                 if !is_reported {

@@ -41,8 +41,9 @@ pub(crate) use stand_in::others;
 pub enum Event {
     /// The gateway runs.
     Started { machine: String, bus_requests: usize },
-    /// It was asked to stop and runs the fault actions.
+    /// It was asked to stop, and runs the fault actions or `holds` what stands in the registers.
     Stopping {
+        holds: bool,
         #[serde(rename = "within_s", serialize_with = "in_seconds")]
         within: Duration,
     },

@@ -269,7 +269,7 @@ impl<'a> Trial<'a> {
                     }
                     tokio::select! {
                         outcome = gateway.run(std::future::pending(), std::future::pending()) => outcome,
-                        () = over => Outcome { failed: false, rested: false, left: String::new() },
+                        () = over => Outcome { failed: false, rested: false, left: String::new(), handover: None },
                     }
                 };
                 tokio::select! {

@@ -66,6 +66,55 @@ fn asked_to_stop_it_goes_to_zero_in_whole_steps_where_the_profile_says_zero() {
     assert!(took(&trace) <= deadline(&trace), "{:?}", took(&trace));
 }
 
+/// The bench with a stop that moves nothing.
+fn keeping(text: &str) -> String {
+    text.replace("arm  = \"auto\"", "arm  = \"auto\"\non_stop = \"hold\"")
+}
+
+#[test]
+fn a_stop_with_hold_leaves_the_register_and_the_next_run_goes_on_from_it() {
+    let shared = BENCH.replace("refresh = \"10s\"", "share = \"ledger\"");
+    for text in [BENCH.to_owned(), shared] {
+        let directory = tempfile::tempdir().unwrap();
+        let state = Some(directory.path().to_owned());
+        let (first, second) = block_on(async {
+            let mut world = World::new(&keeping(&text), "").await;
+            let first = world.gateway().options(|options| options.directory = state.clone());
+            let first = first.run(MINUTE).await;
+            let second = world.gateway().options(|options| options.directory = state.clone());
+            (first, second.run(MINUTE).await)
+        });
+        law::holds(&first);
+        law::holds(&second);
+        assert!(first.outcome.rested && !first.outcome.failed, "{:?}", first.outcome);
+        assert!(took(&first) < Duration::from_secs(2), "{:?}", took(&first));
+        assert!(first.lines().contains("the registers keep what they hold"), "{}", first.lines());
+        let (begun, _) = first.stopped;
+        assert!(first.writes("cnc_z").iter().all(|(at, _)| *at <= begun), "nothing is written by a stop");
+        let stays = last_write(&first);
+        assert!(stays.abs() > 5.0, "it had a way to go: {stays}");
+        assert_eq!(first.states().last(), Some(&"active"), "its axis does not change for it");
+        let armed = second.events.iter().find(|event| event.kind == "armed").unwrap();
+        assert!(armed.text.contains(&format!("starting from {stays:.1}")), "{}", armed.text);
+        let writes = second.writes("cnc_z");
+        let walk: Vec<f64> = std::iter::once(stays).chain(writes.iter().map(|(_, cz)| *cz)).collect();
+        assert!(walk.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= 1.0 + 1e-9), "{walk:?}");
+        assert!(!second.lines().contains("waiting for a late write"), "it was in order: {}", second.lines());
+    }
+}
+
+#[test]
+fn a_stop_with_hold_runs_the_fault_actions_where_something_fails_inside() {
+    let trace = block_on(async {
+        let mut world = World::new(&keeping(BENCH), "").await;
+        let mishap = grief("sensors", 150, Mishap::Panic);
+        let trial = world.gateway().options(|options| options.dialer = mishap);
+        trial.run(10 * MINUTE).await
+    });
+    law::holds(&trace);
+    assert!(trace.outcome.failed && last_write(&trace).abs() < 1e-9, "{:?}", trace.outcome);
+}
+
 #[test]
 fn a_cnc_that_is_gone_does_not_keep_it_from_ending_within_its_deadline() {
     let faults = "[[fault]]\ndevice = \"cnc\"\nkind = \"refuse\"\nat = \"60s\"";

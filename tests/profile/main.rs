@@ -21,6 +21,7 @@ mod not_built;
 mod probe;
 mod seals;
 mod serial;
+mod stop;
 mod templates;
 mod together;
 

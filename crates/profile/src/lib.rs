@@ -31,6 +31,7 @@ pub mod preview;
 pub mod regular;
 mod size;
 mod span;
+pub mod stop;
 mod tables;
 pub mod template;
 mod unseen;
@@ -55,7 +56,7 @@ pub use tables::handshake::Handshake;
 pub use tables::heartbeat::Heartbeat;
 pub use tables::history::History;
 pub use tables::label::labelled;
-pub use tables::machine::Arm;
+pub use tables::machine::{Arm, OnStop};
 pub use tables::output::Output;
 pub use tables::output::applied::Applied;
 pub use tables::output::display::{Beside, Display, Shown, Stale};
@@ -109,6 +110,8 @@ pub struct Profile {
     pub arm: Arm,
     /// How long a request to arm waits that cannot be served yet.
     pub arm_timeout: Duration,
+    /// What a stop does to the registers.
+    pub on_stop: OnStop,
     /// The lines.
     pub buses: Vec<Bus>,
     /// What hangs on them.

@@ -15,6 +15,7 @@ use crate::{BusId, DeviceId, Profile};
 mod can_line;
 mod load;
 mod serial;
+mod stop;
 mod traffic;
 
 pub use load::{Load, Verdict, warnings};
@@ -87,6 +88,8 @@ impl Preview {
         if profile.outputs.is_empty() && captures.is_empty() && profile.heartbeat.is_none() {
             section.line("  nothing");
         }
+        section.line("");
+        section.part("stop", Some(stop::preview(profile)));
         Preview(section)
     }
 }

@@ -248,6 +248,7 @@ impl Check<'_> {
             machine: MachineSettings { signals: self.signals.resolved.len(), ..machine.settings },
             arm: machine.arm,
             arm_timeout: machine.arm_timeout,
+            on_stop: machine.on_stop,
             buses: self.buses.whole()?,
             devices: self.devices.whole()?,
             signals: self.signals.whole()?,

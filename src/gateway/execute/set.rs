@@ -415,7 +415,7 @@ impl Set {
     /// What the gateway does with the axes of this set, in bits.
     fn control(&self, shared: &LineHandle) -> u16 {
         let core = shared.core();
-        let mut control = if core.leaving { 0 } else { Control::ENABLE };
+        let mut control = if core.leaving && core.runs_fault_actions() { 0 } else { Control::ENABLE };
         for register in &self.registers {
             let axis = shared.profile.output(register.id).axis.0;
             let state = core.compensation.decision(axis).map(|decision| decision.state);

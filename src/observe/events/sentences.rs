@@ -26,8 +26,9 @@ impl Event {
             Event::Started { machine, bus_requests } => {
                 info("started", format!("{machine}: the gateway runs, {bus_requests} read requests a round"))
             }
-            Event::Stopping { within } => {
-                info("stopping", format!("stopping: the fault actions run, at most {}", seconds(within)))
+            Event::Stopping { holds, within } => {
+                let does = if *holds { "the registers keep what they hold" } else { "the fault actions run" };
+                info("stopping", format!("stopping: {does}, at most {}", seconds(within)))
             }
             Event::Stopped { left } => info("stopped", format!("stopped; {left}")),
             Event::LinkDown { bus, address, fault } => {

@@ -9,8 +9,8 @@ use isotherm_core::compensation::settings::{
 use isotherm_core::quantity::{Micron, MicronPerSecond};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{
-    Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, Output, Quirks, Share, Signal, Transport,
-    Unit, Verify, Writes,
+    Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, OnStop, Output, Quirks, Share, Signal,
+    Transport, Unit, Verify, Writes,
 };
 
 pub(crate) const THERMOCOUPLES: u8 = 1;
@@ -90,6 +90,7 @@ pub(crate) fn profile() -> Profile {
         arm: Arm::Auto,
         only_recorded: Vec::new(),
         arm_timeout: Duration::from_secs(600),
+        on_stop: OnStop::FaultAction,
         buses: vec![bus("cell", "127.0.0.1:1502"), bus("control", "127.0.0.1:1503")],
         devices: vec![
             device("thermocouples", 0, THERMOCOUPLES),

@@ -33,6 +33,8 @@ pub(crate) struct RawMachine {
     arm: Option<Arm>,
     /// How long a request to arm that cannot be served yet waits, visibly. Default "10min".
     arm_timeout: Option<Timespan>,
+    /// What a stop does to the registers: the axes' fault actions run, or what stands there stays. Default "fault-action".
+    on_stop: Option<OnStop>,
     /// Guard keys that a layer above this file may loosen, as "axis.z.limit": `limit`, `step`, `rate` and `on_fault` of an axis,
     /// and "machine.arm". Default: none; layers may make limits smaller, and `arm` "manual".
     allow_override: Option<Vec<String>>,
@@ -57,6 +59,28 @@ pub enum Arm {
     Manual,
 }
 
+/// What a stop of the gateway does to the registers that it writes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(rename = "OnStopWord", description = "")]
+pub enum OnStop {
+    /// The axes' fault actions run, without their waiting time.
+    #[default]
+    FaultAction,
+    /// What stands there stays, and the next start goes on from it.
+    Hold,
+}
+
+impl OnStop {
+    /// Its word in a profile.
+    pub fn word(self) -> &'static str {
+        match self {
+            OnStop::FaultAction => "fault-action",
+            OnStop::Hold => "hold",
+        }
+    }
+}
+
 /// What of a profile is about the whole machine.
 #[derive(Default)]
 pub(super) struct Machine {
@@ -66,6 +90,7 @@ pub(super) struct Machine {
     pub(super) settings: MachineSettings,
     pub(super) arm: Arm,
     pub(super) arm_timeout: Duration,
+    pub(super) on_stop: OnStop,
 }
 
 pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
@@ -106,5 +131,6 @@ pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
         settings,
         arm: raw.arm.unwrap_or_default(),
         arm_timeout,
+        on_stop: raw.on_stop.unwrap_or_default(),
     }
 }

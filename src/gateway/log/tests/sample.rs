@@ -103,6 +103,7 @@ pub(crate) fn profile() -> Profile {
         arm: Arm::Auto,
         only_recorded: Vec::new(),
         arm_timeout: Duration::from_secs(600),
+        on_stop: isotherm_profile::OnStop::FaultAction,
         buses: Vec::new(),
         devices: Vec::new(),
         signals: ["bed", "wheelhead", "hydraulics_on", "zero_button"].map(signal).into(),

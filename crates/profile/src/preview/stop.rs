@@ -1,0 +1,30 @@
+//! What a stop does to the registers, and how long it takes at most.
+
+use std::time::Duration;
+
+use humantime::format_duration;
+
+use crate::document::Section;
+use crate::{OnStop, Profile, stop};
+
+pub(super) fn preview(profile: &Profile) -> Section {
+    let mut section = Section::default();
+    let whole =
+        |span: Duration| Duration::from_secs(span.saturating_add(Duration::from_millis(999)).as_secs());
+    let (does, longest, late) = match profile.on_stop {
+        OnStop::FaultAction => {
+            ("the fault actions run, without their waiting time", stop::longest(profile), stop::late(profile))
+        }
+        OnStop::Hold => ("the registers keep what they hold", stop::hold(profile), None),
+    };
+    let (longest, late) = (whole(longest), late.map(whole));
+    let after = late.map_or(String::new(), |late| {
+        format!(", and {} more where a write that was not answered may still arrive", format_duration(late))
+    });
+    section.line("stop");
+    section.line(format!("  {does}: at most {}{after}", format_duration(longest)));
+    section.entry("on_stop", profile.on_stop.word());
+    section.entry("longest_s", longest.as_secs());
+    section.entry("late_s", late.map(|late| late.as_secs()));
+    section
+}

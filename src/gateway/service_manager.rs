@@ -1,0 +1,126 @@
+//! What the service manager (systemd) is told: that the gateway runs, what it does in words, how long it may still take.
+//! Where none has started it, nobody hears it.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use sd_notify::NotifyState;
+
+use super::shared::Shared;
+use isotherm_core::compensation::AxisState;
+use isotherm_profile::BusId;
+
+/// How long the first attempt of each line to open is waited for.
+const OPENING: Duration = Duration::from_secs(10);
+/// How much longer than its deadline says a stop may take: what is kept on disk at last may wait for that.
+const LAST_WORDS: Duration = Duration::from_secs(10);
+/// So many of a kind are named.
+const NAMED: usize = 5;
+
+/// Each line was tried, and what was said last of the state.
+#[derive(Debug)]
+pub(super) struct Report {
+    /// Somebody hears it.
+    is_heard: bool,
+    is_ready: bool,
+    waited: Duration,
+    status: String,
+}
+
+impl Report {
+    pub(super) fn begin() -> Report {
+        let is_heard = std::env::var_os("NOTIFY_SOCKET").is_some();
+        Report { is_heard, is_ready: false, waited: Duration::ZERO, status: String::new() }
+    }
+
+    /// All lines take their turns. Called again and again, this long after the last time.
+    pub(super) fn lives(&mut self, shared: &Shared, after: Duration) {
+        if !self.is_heard {
+            return;
+        }
+        tell(&[NotifyState::Watchdog]);
+        self.waited += after;
+        let status = in_words(shared);
+        let is_new = status.as_ref().is_some_and(|status| *status != self.status);
+        self.status = status.unwrap_or_default();
+        if !self.is_ready && (self.waited >= OPENING || are_tried(shared)) {
+            self.is_ready = true;
+            tell(&[NotifyState::Ready, NotifyState::Status(&self.status)]);
+        } else if is_new {
+            tell(&[NotifyState::Status(&self.status)]);
+        }
+    }
+}
+
+/// It stops, and this is what that does.
+pub(super) fn stopping(does: &str, within: Duration) {
+    tell(&[NotifyState::Stopping, NotifyState::Status(does)]);
+    takes(within);
+}
+
+/// What goes on now is over after this at the latest: it is not to be killed before.
+pub(super) fn takes(within: Duration) {
+    let micros = within.saturating_add(LAST_WORDS).as_micros();
+    tell(&[NotifyState::Custom(&format!("EXTEND_TIMEOUT_USEC={micros}"))]);
+}
+
+/// Another program takes its place in this process, which says when it is ready.
+pub(super) fn reloading(does: &str) {
+    let mut states = vec![NotifyState::Reloading, NotifyState::Status(does)];
+    states.extend(NotifyState::monotonic_usec_now());
+    tell(&states);
+}
+
+fn tell(states: &[NotifyState<'_>]) {
+    // One who does not listen misses it.
+    let _ = sd_notify::notify(states);
+}
+
+/// Each line was opened, or an attempt was made. A device that is absent keeps no gateway from being started.
+fn are_tried(shared: &Shared) -> bool {
+    let profile = &shared.profile;
+    let core = shared.core();
+    (0..profile.buses.len()).map(BusId).all(|bus| {
+        let count = &core.contact.buses[bus.0];
+        let mut devices = profile.devices_on(bus).map(|(id, _)| &core.contact.devices[id.0]);
+        count.connected || count.down.is_some() || devices.any(|one| one.requests > 0 || one.answered)
+    })
+}
+
+/// What the axes do, and which devices are lost; `None` where it stops, which is told otherwise.
+fn in_words(shared: &Shared) -> Option<String> {
+    let profile = &shared.profile;
+    let core = shared.core();
+    if core.stop.is_some() {
+        return None;
+    }
+    let mut states: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for (place, axis) in profile.axes.iter().enumerate() {
+        let state = core.compensation.decision(place).map_or(AxisState::Off, |decision| decision.state);
+        let word = match state {
+            AxisState::Off if !axis.has_model() => "no model yet",
+            AxisState::Off if core.arming[place].is_waiting(profile, place) => "waiting to arm",
+            state => AxisState::display_of(state.name()),
+        };
+        states.entry(word).or_default().push(&axis.settings.name);
+    }
+    let is_lost = |place: &usize| !core.contact.devices[*place].is_here();
+    let lost: Vec<&str> = (0..profile.devices.len())
+        .filter(is_lost)
+        .map(|place| profile.devices[place].name.as_str())
+        .collect();
+    let mut words: Vec<String> =
+        states.iter().map(|(state, axes)| format!("{} {state}", listed(axes))).collect();
+    if !lost.is_empty() {
+        words.push(format!("no answer from {}", listed(&lost)));
+    }
+    Some(if shared.dry_run { format!("dry run: {}", words.join("; ")) } else { words.join("; ") })
+}
+
+fn listed(names: &[&str]) -> String {
+    let named = names.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
+    match names.len().saturating_sub(NAMED) {
+        0 => named,
+        more => format!("{named} and {more} more"),
+    }
+}

@@ -1,0 +1,59 @@
+//! A gateway as a service manager starts it, beside its device.
+
+use std::net::TcpListener;
+use std::path::PathBuf;
+use std::process::{Command, Output};
+use std::time::Duration;
+
+use crate::device::{Device, Times, profile};
+use crate::manager::Manager;
+use crate::process::{Running, file, isotherm, until};
+
+const TIMES: Times = Times {
+    timeout: Duration::from_millis(200),
+    every: Duration::from_millis(200),
+    max_age: Duration::from_secs(2),
+};
+
+pub(crate) struct Service {
+    pub(crate) home: tempfile::TempDir,
+    pub(crate) device: Device,
+    pub(crate) profile: PathBuf,
+    pub(crate) manager: Manager,
+    pub(crate) gateway: Running,
+}
+
+impl Service {
+    /// Started with a profile that was changed so; and once it is ready.
+    pub(crate) fn start(change: impl FnOnce(String) -> String) -> Service {
+        let device = Device::listen(TcpListener::bind("127.0.0.1:0").unwrap(), Duration::ZERO);
+        let home = tempfile::tempdir().unwrap();
+        let text = profile(device.address(), TIMES).replace("100ms", "5ms");
+        let path = file(home.path(), "walker.toml", &change(text));
+        let mut manager = Manager::listen(home.path());
+        let mut command = isotherm(home.path());
+        command.env("NOTIFY_SOCKET", &manager.path);
+        command.arg("run").arg(&path).arg("--state").arg(home.path().join("state"));
+        let gateway = Running::start(&mut command);
+        manager.hears("READY=1");
+        Service { home, device, profile: path, manager, gateway }
+    }
+
+    /// It is so warm that the axis goes there, in counts; waits until it has.
+    #[track_caller]
+    pub(crate) fn walks_to(&self, offset: i16) {
+        self.device.asks(offset);
+        until("the offset is there", || match self.device.offset() {
+            found if found == offset => Ok(()),
+            found => Err(format!("{found}")),
+        });
+    }
+
+    /// A verb of this machine.
+    pub(crate) fn verb(&self, words: &[&str]) -> Output {
+        let mut command: Command = isotherm(self.home.path());
+        let (verb, options) = words.split_first().unwrap();
+        command.arg(verb).arg(&self.profile).args(options).arg("--state").arg(self.home.path().join("state"));
+        command.output().unwrap()
+    }
+}
