@@ -42,6 +42,7 @@ mod record;
 pub mod replay;
 #[cfg(feature = "identify")]
 mod report;
+mod restart;
 mod run;
 mod running;
 #[cfg(feature = "identify")]
@@ -115,6 +116,8 @@ enum Verb {
     /// What logs say about drift, in the terms of ISO 230-3
     #[cfg(feature = "identify")]
     Report(report::Arguments),
+    /// Another program or profile in the place of the running gateway, without moving anything
+    Restart(restart::Arguments),
     /// Let the running gateway write
     #[command(
         after_help = "Examples:\n  isotherm arm my-machine.toml\n  isotherm arm my-machine.toml --axis z --no-wait"
@@ -192,9 +195,11 @@ pub fn escaped(refused: clap::Error) -> clap::Error {
 /// Carries out the arguments.
 pub fn run(arguments: Arguments) -> ExitCode {
     let log = start_log(arguments.log_filter());
+    let mut replacement = None;
     let done = match arguments.verb {
         Verb::Demo(arguments) => demo::run(&arguments),
-        Verb::Run(arguments) => run::run(&arguments),
+        Verb::Run(arguments) => run::run(&arguments).map(|next| replacement = next),
+        Verb::Restart(arguments) => restart::run(&arguments),
         Verb::Init(arguments) => init::run(&arguments),
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Read(arguments) => read::run(&arguments),
@@ -233,6 +238,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
     };
     // What has been logged stands before what is said last.
     drop(log);
+    let done = replacement.map_or(done, |replacement| Err(replacement.take_over()));
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if error.is::<WrongProfile>() => ExitCode::from(64),

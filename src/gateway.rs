@@ -60,6 +60,7 @@ mod signing;
 mod stand_in;
 mod status;
 mod storage;
+mod successor;
 mod units;
 mod watch;
 mod why;
@@ -79,6 +80,7 @@ use watch::Watch;
 pub use disk::{Disk, Files, make_directory};
 pub use handover::Handover;
 pub use left::may_start;
+pub use successor::{CHECK_ONLY, HANDOVER, Program, Successor};
 pub use why::how_to_find_a_model;
 pub use wire_log::WireLog;
 
@@ -118,6 +120,8 @@ pub struct Options {
     /// Readings are as old as their answers: only to show what the rule is for that they are as old as the questions.
     #[doc(hidden)]
     pub is_credulous: bool,
+    /// What the program before this one in the same process has handed over.
+    pub handover: Option<Handover>,
     /// Called where a stuck gateway cannot even stop.
     pub give_up: Arc<dyn Fn() + Send + Sync>,
 }
@@ -133,6 +137,7 @@ impl Default for Options {
             watch: None,
             pace: None,
             is_credulous: false,
+            handover: None,
             give_up: Arc::new(|| {}),
         }
     }
@@ -159,7 +164,7 @@ pub struct Gateway {
 }
 
 /// How a gateway ended.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// Something failed inside; what it was stands in the events.
     pub failed: bool,
@@ -207,6 +212,9 @@ impl Gateway {
             let mut core = Core::new(given, recalled.remembered, storage);
             core.was_driven = was_driven;
             core.storage.signs = recalled.signs;
+            if let Some(handover) = &options.handover {
+                handover.go_on(&mut core, clock.now());
+            }
             if pair.is_some_and(|pair| pair.is_in_question()) {
                 (0..core.arming.len()).for_each(|axis| core.disarm(AxisId(axis), NOT_BELIEVED));
             }
@@ -227,6 +235,11 @@ impl Gateway {
     pub fn source(&self) -> Arc<dyn Source> {
         let directory = self.options.directory.clone().filter(|_| self.options.has_threads);
         Arc::new(Panel::new(self.shared.clone(), directory))
+    }
+
+    /// What can take its place, where its command socket is there.
+    pub fn successor(&self, program: Program, socket: PathBuf) -> Successor {
+        Successor::new(self.shared.clone(), program, socket)
     }
 
     /// Runs until `shutdown` is ready, something fails inside, or another program is to take its place. Then the fault actions

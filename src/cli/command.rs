@@ -1,6 +1,6 @@
 //! `isotherm arm`, `disarm`, `zero`: commands to the running gateway.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::{ProfileArguments, load, load_modelled, print_json, running};
 use crate::cli::say::{say, say_beside};
@@ -48,6 +48,11 @@ impl RunningGateway {
     /// Its command socket.
     pub(super) fn socket(&self, profile: &Profile) -> anyhow::Result<PathBuf> {
         running::socket(self.state.as_deref(), profile)
+    }
+
+    /// The state directory that was named.
+    pub(super) fn state(&self) -> Option<&Path> {
+        self.state.as_deref()
     }
 
     /// Prints what it answered. What is not done yet is a failure.

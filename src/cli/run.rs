@@ -6,13 +6,14 @@ use std::time::Duration;
 
 use anyhow::Context;
 
+use super::port::Port;
 use super::services::Sockets;
 use super::signals::Signals;
 use super::{ProfileArguments, load_modelled, warned};
 use crate::cli::say::say;
 use crate::clock::Clock;
 use crate::gateway::control;
-use crate::gateway::{Gateway, Options, make_directory, may_start};
+use crate::gateway::{CHECK_ONLY, Gateway, HANDOVER, Handover, Options, Program, make_directory, may_start};
 use isotherm_profile::{DeviceId, Profile, Web, plan};
 
 /// What the log still has to say when the program gives up.
@@ -38,10 +39,31 @@ pub(super) struct Arguments {
     /// Read, compute and show; write nothing
     #[arg(long)]
     dry_run: bool,
+    /// Only check what it would be run with, in the place of the gateway of this command socket
+    #[arg(long = CHECK_ONLY, value_name = "SOCKET", hide = true)]
+    check_only: Option<PathBuf>,
 }
 
-pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+/// A program that is to take the place of this one.
+pub(super) struct Replacement {
+    program: Program,
+    handover: Handover,
+}
+
+impl Replacement {
+    /// Becomes it.
+    pub(super) fn take_over(&self) -> anyhow::Error {
+        let error = self.program.takes_over(&self.handover);
+        anyhow::anyhow!("nothing has taken the place of this gateway, which has ended: {error}")
+    }
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> {
+    let program = Program::of_this_process();
     let profile = warned(load_modelled(&arguments.profile, false)?);
+    if let Some(socket) = &arguments.check_only {
+        return check(arguments, &profile, socket).map(|()| None);
+    }
     for overridden in &profile.overridden {
         tracing::info!("{overridden}");
     }
@@ -53,6 +75,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             std::thread::sleep(LAST_WORDS);
             std::process::exit(1)
         }),
+        // Only a gateway before this one in the same process writes it.
+        handover: std::env::var(HANDOVER).ok().and_then(|text| serde_json::from_str(&text).ok()),
         ..Options::default()
     };
     may_start(&options, &profile).map_err(anyhow::Error::msg)?;
@@ -79,7 +103,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             async move { drop(signals.wait_for(|count| *count >= times).await) }
         };
         let lines = profile.buses.len();
+        let socket = control::path(&directory, &profile.name);
         let gateway = Gateway::new(profile, &Clock::wall(), options);
+        sockets.successor = program.as_ref().ok().map(|program| gateway.successor(program.clone(), socket));
         let _services = sockets.serve(&gateway.source(), gateway.wire_log(), lines)?;
         anyhow::Ok(gateway.run(after(1), after(2)).await)
     })?;
@@ -89,7 +115,23 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         "stopped before the fault actions had come to their end; {}",
         outcome.left
     );
-    Ok(())
+    Ok(outcome.handover.zip(program.ok()).map(|(handover, program)| Replacement { program, handover }))
+}
+
+/// What keeps this program from running in the place of the gateway with this command socket.
+fn check(arguments: &Arguments, profile: &Profile, socket: &Path) -> anyhow::Result<()> {
+    let directory = state_directory(arguments.state.as_deref(), profile)?;
+    let own = control::path(&directory, &profile.name);
+    anyhow::ensure!(
+        own == socket,
+        "another name of the machine, or another state directory, is another gateway ({} instead of {}): stop the one that runs, \
+         and start it anew",
+        own.display(),
+        socket.display()
+    );
+    let options = Options { directory: Some(directory), ..Options::default() };
+    may_start(&options, profile).map_err(anyhow::Error::msg)?;
+    web(arguments.listen.as_deref(), profile).map_or(Ok(()), |web| Port::new(&web).map(drop))
 }
 
 /// The page of the profile, at another address where one is given.

@@ -14,12 +14,23 @@ use isotherm_profile::Profile;
 /// # Errors
 /// It may be one of several.
 pub(super) fn socket(state: Option<&Path>, profile: &Profile) -> anyhow::Result<PathBuf> {
-    let named = state.or(profile.history.directory.as_deref());
-    let usual = control::path(&known_directory(named), &profile.name);
+    of_machine(state, profile.history.directory.as_deref(), &profile.name)
+}
+
+/// The same of a machine of which not more than this is known.
+///
+/// # Errors
+/// As [`socket`].
+pub(super) fn of_machine(
+    state: Option<&Path>,
+    directory: Option<&Path>,
+    machine: &str,
+) -> anyhow::Result<PathBuf> {
+    let usual = control::path(&known_directory(state.or(directory)), machine);
     if state.is_some() || control::presence(&usual) != Presence::Nobody {
         return Ok(usual);
     }
-    let found = control::listening(&profile.name);
+    let found = control::listening(machine);
     let mut others = found.clone();
     others.retain(|socket| control::presence(socket) == Presence::Answers);
     if others.is_empty() {
@@ -31,7 +42,7 @@ pub(super) fn socket(state: Option<&Path>, profile: &Profile) -> anyhow::Result<
         |socket: &PathBuf| socket.parent().map(|path| path.display().to_string()).unwrap_or_default();
     match others.as_slice() {
         [one] => {
-            say_beside!("the gateway of {} that runs with --state {}:", profile.name, directory(one));
+            say_beside!("the gateway of {} that runs with --state {}:", machine, directory(one));
             Ok(one.clone())
         }
         several => {
@@ -39,7 +50,7 @@ pub(super) fn socket(state: Option<&Path>, profile: &Profile) -> anyhow::Result<
                 several.iter().map(|one| format!("--state {}", directory(one))).collect();
             anyhow::bail!(
                 "several gateways of {} run on this computer; say which: {}",
-                profile.name,
+                machine,
                 states.join(" or ")
             )
         }

@@ -9,16 +9,18 @@ use tokio::sync::watch;
 use super::certificate::Certificate;
 use super::descriptors::Shares;
 use super::port::Port;
-use crate::gateway::{WireLog, control};
+use crate::gateway::{Successor, WireLog, control};
 use crate::observe::http::{self, Door, Limits};
 use crate::observe::status::Source;
 use isotherm_profile::Web;
 
 /// Sockets that are open and not yet served: whatever is wrong with them is known before the loop starts.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(super) struct Sockets {
     page: Option<Port>,
     control: Option<(std::os::unix::net::UnixListener, PathBuf)>,
+    /// What can take the place of the gateway.
+    pub(super) successor: Option<Successor>,
 }
 
 /// The running services; dropping them ends them.
@@ -88,7 +90,8 @@ impl Sockets {
     ) {
         let control = async {
             let Some((listener, _)) = self.control else { return std::future::pending().await };
-            let served = control::serve(listener, source.clone(), wire_log, shares.commands).await;
+            let served =
+                control::serve(listener, source.clone(), wire_log, self.successor, shares.commands).await;
             report("the command socket", served);
         };
         let page = async {

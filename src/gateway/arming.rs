@@ -19,6 +19,8 @@ pub(super) struct ArmRequest {
     pub(super) until: Moment,
     /// What it waits for as it was reported last, and when that was.
     pub(super) reported: (String, Moment),
+    /// Cz as the gateway before this one had it, where no register says what stands there.
+    pub(super) from: Option<Micron>,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -136,7 +138,8 @@ impl Arming {
                 ));
             }
         }
-        Attempt::From(from.unwrap_or(Micron::ZERO), from_slope)
+        let handed_over = self.asked.as_ref().and_then(|asked| asked.from);
+        Attempt::From(from.or(handed_over).unwrap_or(Micron::ZERO), from_slope)
     }
 
     /// What the axis may do now. In a dry run no reference position is ever written, and none is waited for.

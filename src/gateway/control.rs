@@ -16,7 +16,7 @@
 //! `sign axis=z stay` takes Cz a little way to plus: `waits …`, and `ok` with which way a gauge must have moved when it is there;
 //! `sign-plus`, `sign-minus`, `sign-none` say which way it did, and Cz goes back. So it does when the asker goes.
 //!
-//! `status` → `ok` and the state as one line of JSON.
+//! `status` → `ok` and the state as one line of JSON. `restart`: see [`restart`].
 //!
 //! One command has an answer of many lines: the exchanges of a device as they happen (`isotherm trace`). `trace cnc 60 text`
 //! → `ok listening to cnc`, two lines an exchange (or with `json` one), and at last `end` with their number. It ends by
@@ -39,6 +39,7 @@ use tokio::sync::Semaphore;
 
 use super::WireLog;
 use super::disk::make_directory;
+use super::successor::Successor;
 use crate::fieldbus::explain::system;
 use crate::fieldbus::trace::{Exchange, Listening};
 use crate::observe::asker::{Asker, Attendance, Connection, PATIENCE, Way};
@@ -46,10 +47,13 @@ use crate::observe::status::{Answer, Command, Source, Status};
 use isotherm_profile::one_line;
 
 mod client;
+mod restart;
 mod sockets;
 mod user;
 
-pub use client::{Failure, Presence, arm, presence, send, send_measured, sign, status, trace};
+pub use client::{
+    Failure, Presence, arm, presence, restart, restart_is_wrong, send, send_measured, sign, status, trace,
+};
 pub use sockets::{listening, path};
 pub use user::forbidden;
 
@@ -133,6 +137,7 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
 struct Desk {
     source: Arc<dyn Source>,
     wire_log: WireLog,
+    successor: Option<Successor>,
     attendance: Attendance,
     /// Places for those who stay.
     stays: Arc<Semaphore>,
@@ -146,12 +151,13 @@ pub async fn serve(
     listener: std::os::unix::net::UnixListener,
     source: Arc<dyn Source>,
     wire_log: WireLog,
+    successor: Option<Successor>,
     most: usize,
 ) -> std::io::Result<()> {
     let mut listener = UnixListener::from_std(listener)?;
     let attendance = Attendance::default();
     let stays = Arc::new(Semaphore::new(most.div_ceil(2)));
-    let desk = Desk { source, wire_log, attendance: attendance.clone(), stays };
+    let desk = Desk { source, wire_log, successor, attendance: attendance.clone(), stays };
     let places = Arc::new(Semaphore::new(most));
     let accepting = async {
         // It is never closed.
@@ -197,7 +203,10 @@ impl Desk {
         let heard = tokio::time::timeout(PATIENCE, hear(&mut reader)).await;
         let heard = heard.ok().flatten().unwrap_or_default();
         let (trace, line) = (TraceRequest::parse(heard.trim()), Line::parse(heard.trim()));
-        let stays = trace.is_some() || line.as_ref().is_some_and(|line| line.stays);
+        let restart = restart::Request::parse(heard.trim());
+        let stays = trace.is_some()
+            || restart == Some(restart::Request::Restart)
+            || line.as_ref().is_some_and(|line| line.stays);
         let _place = match stays.then(|| self.stays.try_acquire()).transpose() {
             Ok(place) => place,
             Err(_) => return say(&mut writer, TOO_MANY).await,
@@ -205,12 +214,14 @@ impl Desk {
         if let Some(request) = trace {
             return serve_trace(request, &self.wire_log, reader, writer).await;
         }
+        if let Some(request) = restart {
+            return restart::serve(self, request, (who, &connection), &mut writer).await;
+        }
         if heard.trim() == STATUS {
             return say(&mut writer, &format!("ok {}\n", document(&self.source.status()))).await;
         }
         let Some(line) = line else {
-            let known =
-                "error this socket understands arm, disarm, zero, cancel, sign, measured, trace, status\n";
+            let known = "error this socket understands arm, disarm, zero, cancel, sign, measured, trace, status, restart\n";
             return say(&mut writer, known).await;
         };
         let asker = line.asker(who, &connection, &self.attendance);

@@ -251,7 +251,7 @@ impl Core {
                     let take_over = Some(from);
                     let was_driven = std::mem::take(&mut self.was_driven[axis]);
                     let by = self.arming[axis].asked.take().map(|asked| asked.by);
-                    let by_person = by.is_some();
+                    let by_person = by.as_ref().is_some_and(|by| by.way != Way::Restart);
                     let (way, who) = match by {
                         Some(by) => (by.way, by.who.clone()),
                         None if was_driven => (Way::Restart, "armed before, arm = \"auto\"".to_owned()),

@@ -2,19 +2,24 @@
 //! as they were.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::arming::ArmRequest;
 use super::core::Core;
+use crate::observe::asker::{Asker, Way};
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_profile::AxisId;
 
 /// What the one says to the other.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Handover {
     /// Who wanted it, as it stands in a sentence.
     pub by: String,
-    /// The axes that were armed.
-    pub armed: Vec<String>,
+    /// The axes that were armed, with their Cz.
+    pub armed: BTreeMap<String, Micron>,
     /// Those that were switched off, and why: only a person arms them.
     pub off: BTreeMap<String, String>,
 }
@@ -22,14 +27,32 @@ pub struct Handover {
 impl Handover {
     pub(super) fn of(core: &Core, by: String) -> Handover {
         let mut handover = Handover { by, ..Handover::default() };
-        for (axis, arming) in core.given.profile.axes.iter().zip(core.arming.as_slice()) {
+        let axes = core.given.profile.axes.iter().zip(core.arming.as_slice());
+        for (place, (axis, arming)) in axes.enumerate() {
             let name = axis.settings.name.clone();
             if arming.armed && !arming.tripped {
-                handover.armed.push(name);
+                let decision = core.compensation.decision(place);
+                handover.armed.insert(name, decision.map_or(Micron::ZERO, |decision| decision.cz));
             } else if arming.latched || arming.tripped {
                 handover.off.insert(name, arming.why.clone());
             }
         }
         handover
+    }
+
+    /// The axes go on as they were. What was armed is asked for again, as a person asks: it waits for what is missing.
+    pub(super) fn go_on(&self, core: &mut Core, now: Moment) {
+        let profile = core.given.profile.clone();
+        for (place, axis) in profile.axes.iter().enumerate() {
+            let name = &axis.settings.name;
+            if let Some(why) = self.off.get(name) {
+                core.disarm(AxisId(place), why);
+            } else if let Some(from) = self.armed.get(name).filter(|_| axis.has_model()) {
+                let by = Arc::new(Asker::new(Way::Restart, format!("armed before; restarted {}", self.by)));
+                let until = now.after(profile.arm_timeout);
+                let reported = (String::new(), now);
+                core.arming[place].asked = Some(ArmRequest { by, until, reported, from: Some(*from) });
+            }
+        }
     }
 }

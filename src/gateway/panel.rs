@@ -37,7 +37,7 @@ struct PageHandle {
 }
 
 /// Whoever commands.
-struct CommandHandle(Arc<Shared>);
+pub(super) struct CommandHandle(pub(super) Arc<Shared>);
 
 impl Panel {
     pub(super) fn new(shared: Arc<Shared>, directory: Option<PathBuf>) -> Panel {
@@ -144,7 +144,7 @@ fn reported(command: String, axes: Vec<String>, asker: &Asker, answer: Result<&s
 
 impl CommandHandle {
     /// Whoever still waits for it has it carried out; it is an event in any case, and stands before what comes of it.
-    fn carry_out<T>(
+    pub(super) fn carry_out<T>(
         &self,
         (command, axes): (String, Vec<String>),
         asker: &Asker,
@@ -287,7 +287,7 @@ impl CommandHandle {
         let (now, chosen) = (self.0.clock.now(), self.armable(axis)?.0);
         for axis in &chosen {
             let until = now.after(self.0.profile.arm_timeout);
-            let asked = ArmRequest { by: asker.clone(), until, reported: (String::new(), now) };
+            let asked = ArmRequest { by: asker.clone(), until, reported: (String::new(), now), from: None };
             let arming = &mut core.arming[*axis];
             arming.asked = (!arming.armed || arming.tripped).then_some(asked);
             arming.refusal = None;

@@ -8,5 +8,6 @@ mod journal;
 mod manager;
 #[path = "../process/mod.rs"]
 mod process;
+mod replaced;
 mod rig;
 mod told;

@@ -16,6 +16,8 @@ use crate::observe::status::{Answer, Command};
 const UNDER_WAY: Duration = Duration::from_millis(250);
 /// How often a gateway whose queue of askers is full is asked again.
 const ASK_AGAIN: Duration = Duration::from_millis(50);
+/// How long one gateway ends and the next begins, at most: until what is under way is over and kept.
+const REPLACED_WITHIN: Duration = Duration::from_secs(120);
 
 /// Why there is no answer to be glad of.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -29,6 +31,9 @@ pub enum Failure {
     /// The gateway says why not.
     #[error("{0}")]
     Refused(String),
+    /// The same, because of the profile.
+    #[error("{0}")]
+    WrongProfile(String),
     /// It is there, and says nothing.
     #[error("no answer within {} s; not known whether it was done (see `isotherm events` once the gateway goes on)", PATIENCE.as_secs())]
     NoAnswer,
@@ -59,7 +64,7 @@ pub fn arm(path: &Path, axis: Option<&str>, show: impl FnMut(&str)) -> Result<St
 fn stay(
     (mut answer, mut lines): Answered,
     mut show: impl FnMut(&str),
-) -> Result<(String, impl Sized), Failure> {
+) -> Result<(String, Lines<BufReader<UnixStream>>), Failure> {
     loop {
         match answer {
             Answer::Done(said) => return Ok((said, lines)),
@@ -87,6 +92,35 @@ pub fn sign(
     show: impl FnMut(&str),
 ) -> Result<(String, impl Sized), Failure> {
     stay(ask(path, &(with_axis("sign", axis) + " stay"), PATIENCE)?, show)
+}
+
+/// Asks the running gateway to let another program take its place, and waits until that one answers; `show` gets what happens
+/// until then. Its state, as JSON.
+///
+/// # Errors
+/// No gateway runs there, it refuses, or nobody answers there any more.
+pub fn restart(path: &Path, mut show: impl FnMut(&str)) -> Result<String, Failure> {
+    let (said, lines) = stay(ask(path, "restart", PATIENCE)?, &mut show)?;
+    show(&said);
+    let until = Passing::default().passed() + REPLACED_WITHIN;
+    // As long as the one that ends is there, the connection is.
+    let mut waits = lines.map(|line| line.map_err(silent) == Err(Failure::NoAnswer));
+    while waits.next() == Some(true) && Passing::default().passed() < until {}
+    loop {
+        match status(path) {
+            Ok(status) => return Ok(status),
+            Err(_) if Passing::default().passed() >= until => return Err(Failure::Ended),
+            Err(_) => std::thread::sleep(ASK_AGAIN),
+        }
+    }
+}
+
+/// Tells the running gateway that another program was to take its place, and that the profile is wrong.
+///
+/// # Errors
+/// No gateway runs there, or it does not answer.
+pub fn restart_is_wrong(path: &Path) -> Result<String, Failure> {
+    Ok(ask(path, "restart wrong", PATIENCE)?.0.text().to_owned())
 }
 
 /// Sends an axis's measured error, µm; `None` takes back what such errors have taught.
@@ -196,6 +230,7 @@ fn understand(line: &str) -> Result<Answer, Failure> {
     match line.split_once(' ') {
         Some(("ok", said)) => Ok(Answer::Done(said.to_owned())),
         Some(("waits", said)) => Ok(Answer::Waits(said.to_owned())),
+        Some(("wrong", why)) => Err(Failure::WrongProfile(why.to_owned())),
         Some((_, why)) => Err(Failure::Refused(why.to_owned())),
         None => Err(Failure::Ended),
     }

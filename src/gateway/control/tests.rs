@@ -75,7 +75,7 @@ async fn beside<T: Send + 'static>(
     act: impl FnOnce() -> T + Send + 'static,
 ) -> (T, Vec<Command>) {
     let fake = Arc::new(Fake::default());
-    let serving = tokio::spawn(serve(open(path).unwrap(), fake.clone(), wire_log(), 32));
+    let serving = tokio::spawn(serve(open(path).unwrap(), fake.clone(), wire_log(), None, 32));
     let result = tokio::task::spawn_blocking(act).await.unwrap();
     serving.abort();
     let commands = fake.0.lock().unwrap().clone();

@@ -1,0 +1,115 @@
+//! `isotherm restart --keep`: another program, or another profile, in the place of the running gateway.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use serde_json::Value;
+
+use super::command::RunningGateway;
+use super::{ProfileArguments, WrongProfile, load_modelled, running};
+use crate::cli::say::say_beside;
+use crate::clock::Passing;
+use crate::gateway::control::{self, Failure};
+use crate::observe::status::Answer;
+use isotherm_profile::regular;
+
+/// How long the gateway that has taken over may take until every device has answered and every axis decided.
+const READY_WITHIN: Duration = Duration::from_secs(15);
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+
+/// Replaces the gateway that runs this profile on this computer: by the program that lies where it was started from, with the
+/// arguments that it was started with and the profile as it is now. No register moves: each keeps what it holds, an armed axis goes
+/// on from there, and one that is off stays off.
+///
+/// The profile is checked first. One that is wrong (exit code 64) leaves the gateway as it is.
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  isotherm restart my-machine.toml --keep")]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    profile: ProfileArguments,
+    /// The registers keep what they hold; there is no other restart than this: for any other, stop the gateway and start it
+    #[arg(long, required = true)]
+    keep: bool,
+    #[command(flatten)]
+    gateway: RunningGateway,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let Arguments { profile, gateway, .. } = arguments;
+    let loaded = load_modelled(profile, gateway.json).inspect_err(|_| {
+        // It is known at the gateway, too, where that can be found.
+        if let Some(said) = tell_it_is_wrong(&profile.path, gateway) {
+            say_beside!("{said}");
+        }
+    })?;
+    let socket = gateway.socket(&loaded.profile)?;
+    let replaced = control::restart(&socket, |said| say_beside!("{said}"));
+    let status = match replaced {
+        Err(Failure::WrongProfile(why)) => {
+            say_beside!("isotherm: {why}");
+            return Err(WrongProfile.into());
+        }
+        replaced => ready(&socket, replaced?),
+    };
+    gateway.print(Ok(Answer::Done(sentence(&status))))
+}
+
+/// The state of the gateway that has taken over, once it is ready or has had its time.
+fn ready(socket: &Path, first: String) -> Value {
+    let until = Passing::default().passed() + READY_WITHIN;
+    let mut text = first;
+    loop {
+        let status: Value = serde_json::from_str(&text).unwrap_or_default();
+        let is_complete = status["missing"].as_array().is_some_and(Vec::is_empty);
+        if is_complete || Passing::default().passed() >= until {
+            return status;
+        }
+        std::thread::sleep(LOOK_EVERY);
+        text = control::status(socket).unwrap_or(text);
+    }
+}
+
+/// What runs now, and what its axes do.
+fn sentence(status: &Value) -> String {
+    let word = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+    let axis = |axis: &Value| match word(&axis["why"]) {
+        why if why.is_empty() => format!("{}: {}", word(&axis["name"]), word(&axis["display"])),
+        why => format!("{}: {}: {why}", word(&axis["name"]), word(&axis["display"])),
+    };
+    let axes: Vec<String> = status["axes"].as_array().into_iter().flatten().map(axis).collect();
+    format!(
+        "{}: isotherm {} has taken over; {}",
+        word(&status["machine"]),
+        word(&status["version"]),
+        axes.join("; ")
+    )
+}
+
+/// What the gateway of a profile that is wrong says to that.
+fn tell_it_is_wrong(profile: &Path, gateway: &RunningGateway) -> Option<String> {
+    let text = regular::read_text(profile).ok()?;
+    let socket: PathBuf = running::of_machine(gateway.state(), None, name_in(&text)?).ok()?;
+    control::restart_is_wrong(&socket).ok()
+}
+
+/// The machine's name, in a text that may be wrong in any way.
+fn name_in(text: &str) -> Option<&str> {
+    let machine = text.lines().map(str::trim).skip_while(|line| *line != "[machine]").skip(1);
+    let name =
+        machine.take_while(|line| !line.starts_with('[')).find_map(|line| line.strip_prefix("name"))?;
+    name.split('"').nth(1).filter(|name| !name.is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_name_of_a_machine_is_found_where_the_profile_is_wrong() {
+        assert_eq!(
+            name_in("# mine\n[machine]\nlabel = \"a\"\nname   = \"mill-7\" # ours\n[bus.a\n"),
+            Some("mill-7")
+        );
+        assert_eq!(name_in("[machine]\n[device.a]\nname = \"b\"\n"), None);
+    }
+}

@@ -1,0 +1,84 @@
+//! `restart`: another program takes the place of the gateway that runs.
+//!
+//! `restart` → `waits …` while that program checks the profile, with `still` once a second; then `ok …`, and the connection stays
+//! open until this program is gone; or `wrong …` where the profile is, or `error …`. `restart wrong` only notes that whoever wanted
+//! it has found the profile wrong.
+
+use std::sync::Arc;
+
+use tokio::net::unix::OwnedWriteHalf;
+
+use super::{Desk, STILL, said_in_a_line, say};
+use crate::clock::Passing;
+use crate::gateway::successor::Unfit;
+use crate::observe::asker::{Asker, Connection, PATIENCE, Way};
+
+const RESTART: &str = "restart";
+
+/// Whoever wants it has found the profile wrong, or has not looked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Request {
+    Restart,
+    Wrong,
+}
+
+impl Request {
+    /// `None` where the line is another command.
+    pub(super) fn parse(line: &str) -> Option<Request> {
+        let mut words = line.split(' ').filter(|word| !word.starts_with("until="));
+        match (words.next(), words.next(), words.next()) {
+            (Some(RESTART), None, _) => Some(Request::Restart),
+            (Some(RESTART), Some("wrong"), None) => Some(Request::Wrong),
+            _ => None,
+        }
+    }
+}
+
+pub(super) async fn serve(
+    desk: &Desk,
+    request: Request,
+    (who, connection): (String, &Arc<Connection>),
+    writer: &mut OwnedWriteHalf,
+) -> std::io::Result<()> {
+    // Until when he waits is known when the check is over.
+    let asker = || {
+        let until = Passing::default().passed() + PATIENCE;
+        Asker::new(Way::Socket, who.clone()).until(until).at(connection)
+    };
+    let refused = |why: &str| desk.source.turned_away(RESTART, &asker(), why);
+    if request == Request::Wrong {
+        refused("the profile is wrong; the gateway goes on as it was");
+        return say(writer, "ok the gateway goes on as it was\n").await;
+    }
+    let Some(successor) = desk.successor.clone() else {
+        return say(writer, "error nothing can take the place of this gateway\n").await;
+    };
+    say(writer, "waits the program that is to take over checks the profile\n").await?;
+    let (answer, mut checked) = tokio::sync::oneshot::channel();
+    let checking = successor.clone();
+    // A thread of its own: nothing waits for it when this program ends.
+    let check = move || drop(answer.send(checking.check()));
+    std::thread::Builder::new().name("check".to_owned()).spawn(check)?;
+    let checked = loop {
+        match tokio::time::timeout(STILL, &mut checked).await {
+            Ok(Ok(checked)) => break checked,
+            Ok(Err(_)) => break Err(Unfit::Other("the check has failed inside".to_owned())),
+            Err(_) => say(writer, "still\n").await?,
+        }
+    };
+    let (word, why) = match checked {
+        Ok(()) => match successor.take_over(&asker()) {
+            Ok(said) => {
+                say(writer, &said_in_a_line("ok", &said)).await?;
+                // Its end tells that this program is gone.
+                return std::future::pending().await;
+            }
+            Err(why) => return say(writer, &said_in_a_line("error", &why)).await,
+        },
+        Err(Unfit::Profile(why)) => ("wrong", format!("the profile is wrong: {why}")),
+        Err(Unfit::Other(why)) => ("error", why),
+    };
+    let why = format!("{why}; the gateway goes on as it was");
+    refused(&why);
+    say(writer, &said_in_a_line(word, &why)).await
+}
