@@ -15,7 +15,7 @@ use process::{PATIENCE, Running, file, free_port, isotherm};
 
 const MACHINE: &str = include_str!("interop/machine.toml");
 
-const VERBS: [&str; 25] = [
+const VERBS: [&str; 26] = [
     "demo",
     "run",
     "check",
@@ -40,6 +40,7 @@ const VERBS: [&str; 25] = [
     "status",
     "init",
     "sign",
+    "restart",
     "token",
 ];
 

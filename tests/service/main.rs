@@ -11,3 +11,4 @@ mod process;
 mod replaced;
 mod rig;
 mod told;
+mod unit;

@@ -1,0 +1,53 @@
+//! The unit of the service, as systemd itself judges it.
+
+use std::path::Path;
+use std::process::Command;
+
+const UNIT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/packaging/isotherm@.service");
+
+fn analyze(words: &[&str]) -> (bool, String) {
+    // Of Debian's package systemd.
+    let output = Command::new("systemd-analyze").args(words).arg(UNIT).output().unwrap();
+    let said = [output.stdout, output.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
+    (output.status.success(), said)
+}
+
+#[test]
+fn the_unit_is_no_more_exposed_than_3() {
+    let (is_below, said) = analyze(&["security", "--offline=true", "--threshold=30", "--no-pager"]);
+    assert!(is_below && said.contains("Overall exposure level"), "{said}");
+}
+
+#[test]
+fn systemd_understands_every_line_of_the_unit() {
+    let (_, said) = analyze(&["verify"]);
+    let ours = said.lines().filter(|line| line.contains("isotherm@"));
+    // The program is where a package puts it.
+    let wrong: Vec<&str> =
+        ours.filter(|line| !line.contains("/usr/bin/isotherm is not executable")).collect();
+    assert!(wrong.is_empty(), "{said}");
+    let unit = std::fs::read_to_string(UNIT).unwrap();
+    let of_test = Path::new(env!("CARGO_TARGET_TMPDIR")).join("isotherm@.service");
+    std::fs::write(&of_test, unit.replace("WatchdogSec=", "WatchdogSecs=")).unwrap();
+    let output = Command::new("systemd-analyze").arg("verify").arg(&of_test).output().unwrap();
+    assert!(String::from_utf8_lossy(&output.stderr).contains("WatchdogSecs"), "it finds what is wrong");
+}
+
+#[test]
+fn each_protection_that_is_left_out_has_its_reason_in_the_manual() {
+    let (_, said) = analyze(&["security", "--offline=true", "--no-pager"]);
+    let manual = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/service.md")).unwrap();
+    let left_out = said.lines().filter_map(|line| line.strip_prefix("✗ ")?.split_whitespace().next());
+    let mut found = 0;
+    for directive in left_out {
+        found += 1;
+        let (name, value) = directive.split_once('=').unwrap();
+        let words = [name, value.trim_start_matches('~')];
+        // What it needs to do its work at all, and what is part of another line.
+        let is_needed = ["DeviceAllow", "SupplementaryGroups"].contains(&name)
+            || ["AF_UNIX", "AF_(INET|INET6)", "…", "@privileged"].contains(&words[1]);
+        let is_told = words.iter().any(|word| !word.is_empty() && manual.contains(word));
+        assert!(is_needed || is_told, "{directive} is not in docs/service.md");
+    }
+    assert!(found > 10, "{said}");
+}
