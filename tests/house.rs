@@ -293,37 +293,3 @@ fn every_shipped_profile_is_taken_without_a_word() {
     }
     assert!(count >= 9, "the shipped machines are gone");
 }
-
-/// What README shows in TOML.
-fn shown() -> Vec<String> {
-    let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
-    let blocks = readme.split("```toml\n").skip(1);
-    blocks.map(|rest| rest.split("```").next().unwrap().to_owned()).collect()
-}
-
-/// The profile that README explains is the one that is taken.
-#[test]
-fn the_profile_in_the_readme_is_taken_without_a_word() {
-    let profiles: Vec<String> = shown().into_iter().filter(|text| text.contains("[machine]")).collect();
-    assert_eq!(profiles.len(), 1, "README has one whole profile");
-    match isotherm_profile::parse(Path::new("README.md"), &profiles[0], &[], &[]) {
-        Ok(loaded) => assert_eq!(loaded.warnings, []),
-        Err(errors) => panic!("{errors}"),
-    }
-}
-
-/// On its serial line that profile is what README says it is.
-#[test]
-fn the_serial_lines_in_the_readme_are_taken_and_explained_as_it_shows() {
-    let lines = shown().into_iter().find(|text| text.contains("modbus-rtu")).unwrap();
-    let whole = shown().into_iter().find(|text| text.contains("[machine]")).unwrap();
-    let text = whole.replace("bus   = \"cell\"", "bus   = \"rs485\"") + &lines;
-    let profile = isotherm_profile::parse(Path::new("README.md"), &text, &[], &[])
-        .unwrap_or_else(|errors| panic!("{errors}"))
-        .profile;
-    let reported = isotherm_profile::preview::Preview::of(&profile).to_string();
-    let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
-    let shown = readme.split("```text\n").find(|text| text.starts_with("bus rs485")).unwrap();
-    let shown = shown.split("```").next().unwrap();
-    assert!(reported.contains(shown), "{shown} is not in\n{reported}");
-}

@@ -10,46 +10,7 @@
 //! # for_time = "10min"
 //! ```
 //!
-//! | kind | what happens | further keys |
-//! |---|---|---|
-//! | `silent` | the device does nothing and answers nothing; other units on its line live | |
-//! | `late` | the answer comes late, in wall time | `delay` |
-//! | `exception` | nothing is done and this code is answered | `code` |
-//! | `close` | the request is carried out, then the connection is dropped unanswered; on a port: just unanswered | |
-//! | `half-open` | the connection stays up and is never answered again; a new one is, or a port opened again | |
-//! | `refuse` | the listener is closed, or the port unplugged, for every device on it, and comes back | only `at`, `after`, `for_time` |
-//! | `garbage` | random bytes instead of an answer | |
-//! | `wrong-unit` `wrong-transaction` `wrong-function` | the answer names another one | |
-//! | `wrong-checksum` | a byte of the checksum is wrong; RTU lines only, as `wrong-transaction` is for TCP only | |
-//! | `one-byte-at-a-time` | the answer comes in as many pieces as it has bytes | |
-//! | `short-read` `long-read` | a read brings one register too few, too many | |
-//! | `wrong-echo` | a write is carried out, but its echo names another value or count | |
-//! | `ignored-write` | a write is echoed, but not carried out | |
-//! | `one-behind` | each request gets the answer to the one before it, under its own transaction | |
-//! | `one-behind-stale` | the same, under the transaction of the one before it | |
-//! | `sentinel` | a signal reads this raw value; without `raw`, its first `bad` one | `signal`, `raw` |
-//! | `nan` | a floating-point signal reads NaN | `signal` |
-//! | `value` | a signal reads this engineering value | `signal`, `value` |
-//! | `register` | somebody else writes these words, once | `register`, `words`; only `at`, `after` |
-//! | `restart` | the device forgets all that was written to it, and counts that boot, once | only `at`, `after` |
-//! | `no-acknowledge` | the acknowledge of its handshakes does not come | only `at`, `after`, `for_time` |
-//! | `stuck-acknowledge` | an acknowledge that is up does not drop | the same |
-//! | `late-acknowledge` | it comes this late | the same, `delay` |
-//!
-//! On a CAN line a device can be `silent` (it sends and hears nothing), `late` (its SDO answers are), send `garbage` (in
-//! its frames of measured values), confirm what it does not do (`ignored-write`: SDO and RPDO) and `restart` (a node
-//! reset: it boots up again); its signals can break in the three ways; and
-//!
-//! | kind | what happens | further keys |
-//! |---|---|---|
-//! | `short-frame` | its frames of measured values lack the last byte that is needed | |
-//! | `babbling` | it sends random bytes beside its own frames | `id`, `every`: 0x7FF each millisecond |
-//! | `emergency` | EMCY with this code; when it is over, with 0000h | `code`; only `at`, `after`, `for_time` |
-//! | `error-frame` | its controller reports trouble, once, or again and again | `error`; `every` with `for`, `for_time` |
-//! | `sdo-abort` | SDO requests are refused | `code`: 0x08000000 |
-//! | `wrong-index` | SDO answers name another index | |
-//!
-//! `for` counts frames there. `error` is one of `no-acknowledge`, `stuff`, `warning`, `passive`, `bus-off`, `restarted`.
+//! What each kind does, on Modbus and on CAN, and its further keys: `docs/virtual.md`.
 
 use std::time::Duration;
 

@@ -1,0 +1,294 @@
+//! The chapters that nobody writes: every key of a profile from its schema, every template from its file.
+
+use std::fmt::Write;
+
+use isotherm_profile::{schema, template};
+use serde_json::Value;
+
+use super::book::{read, root};
+
+/// The place of the profile itself.
+const WHOLE: &str = "";
+
+/// What a person sets to make the chapters anew.
+const ANEW: &str = "TEST_WRITES_MANUAL";
+
+/// The committed chapter is what is generated; with `TEST_WRITES_MANUAL=1` it becomes that.
+#[track_caller]
+fn is_committed(path: &str, generated: &str) {
+    if std::env::var_os(ANEW).is_some() {
+        std::fs::write(root().join(path), generated).unwrap();
+    }
+    let committed = std::fs::read_to_string(root().join(path)).unwrap_or_default();
+    let differs = committed.lines().zip(generated.lines()).position(|(is, should)| is != should);
+    let line = differs.unwrap_or_else(|| committed.lines().count().min(generated.lines().count())) + 1;
+    assert!(
+        committed == generated,
+        "{path} is not what it is generated from, from line {line} on; make it anew: {ANEW}=1 cargo test --test manual"
+    );
+}
+
+#[test]
+fn the_reference_of_the_profile_is_what_the_schema_says() {
+    is_committed("docs/profile.md", &profile());
+}
+
+#[test]
+fn no_key_of_the_schema_is_missing_from_the_reference() {
+    let text = profile();
+    let mut count = 0;
+    for (name, table) in tables() {
+        let section =
+            text.split(&format!("\n## {}\n", heading(&name))).nth(1).unwrap_or_else(|| panic!("no {name}"));
+        let section = section.split("\n## ").next().unwrap();
+        for key in table["properties"].as_object().unwrap().keys() {
+            let rows = [format!("\n| `{key}` |"), format!("\n| **`{key}`** |")];
+            assert!(rows.iter().any(|row| section.contains(row)), "{name} lacks {key}");
+            count += 1;
+        }
+    }
+    // The schema counts them itself: whatever has properties, wherever it stands.
+    assert_eq!(count, properties(schema()));
+}
+
+/// How many keys stand anywhere in the schema.
+fn properties(value: &Value) -> usize {
+    match value {
+        Value::Object(object) => object.iter().fold(0, |sum, (key, inner)| match inner {
+            Value::Object(keys) if key == "properties" => {
+                sum + keys.len() + keys.values().map(properties).sum::<usize>()
+            }
+            inner => sum + properties(inner),
+        }),
+        Value::Array(items) => items.iter().map(properties).sum(),
+        _ => 0,
+    }
+}
+
+/// A word that the reference gives a place of its own: `#output`.
+fn definition(value: &Value) -> Option<(&str, &'static Value)> {
+    let name = value["$ref"].as_str()?.strip_prefix("#/$defs/")?;
+    let found = schema()["$defs"].get(name).unwrap_or_else(|| panic!("no {name}"));
+    Some((name, found))
+}
+
+/// Every table that has keys of its own, by the place it has in a profile: the profile itself, then what it leads to.
+fn tables() -> Vec<(String, &'static Value)> {
+    let mut found: Vec<(String, &Value)> = vec![(WHOLE.to_owned(), schema())];
+    let mut seen = Vec::new();
+    let mut next = 0;
+    while next < found.len() {
+        let (place, table) = found[next].clone();
+        next += 1;
+        let inside = if place == WHOLE { String::new() } else { format!("{place}.") };
+        for (key, value) in table["properties"].as_object().into_iter().flatten() {
+            leads_to(&format!("{inside}{key}"), value, &mut seen, &mut found);
+        }
+    }
+    found
+}
+
+fn leads_to(
+    place: &str,
+    value: &'static Value,
+    seen: &mut Vec<&'static Value>,
+    found: &mut Vec<(String, &'static Value)>,
+) {
+    if let Some((_, defined)) = definition(value) {
+        // Told once, at its first place.
+        if !seen.iter().any(|known| std::ptr::eq(*known, defined)) {
+            seen.push(defined);
+            leads_to(place, defined, seen, found);
+        }
+    } else if value.get("properties").is_some() {
+        found.push((place.to_owned(), value));
+    } else if value["additionalProperties"].is_object() {
+        leads_to(&format!("{place}.NAME"), &value["additionalProperties"], seen, found);
+    } else if value["items"].is_object() {
+        leads_to(&format!("{place}[]"), &value["items"], seen, found);
+    } else {
+        for choice in value["anyOf"].as_array().into_iter().flatten() {
+            leads_to(place, choice, seen, found);
+        }
+    }
+}
+
+fn heading(place: &str) -> String {
+    if place == WHOLE { "The tables".to_owned() } else { format!("`{place}`") }
+}
+
+fn profile() -> String {
+    let mut text = "# The profile: every key\n\n\
+        This chapter is made from the schema (`isotherm schema`), and a test compares both: change the key's comment in\n\
+        `crates/profile/src/tables`, then `TEST_WRITES_MANUAL=1 cargo test --test manual`. Keys in bold must be there. A duration is\n\
+        a text as \"250ms\", \"5s\" or \"10min\". What the keys are for, with examples, is in the chapters on [lines](serial.md),\n\
+        [CAN](can.md), [models](models.md), [probing](probing.md), [the control](control.md) and [the page](page.md).\n"
+        .to_owned();
+    let tables = tables();
+    let place_of = |wanted: &Value| {
+        tables.iter().find(|(_, table)| std::ptr::eq(*table, wanted)).map(|(place, _)| place.clone())
+    };
+    for (place, table) in &tables {
+        let says = table["description"].as_str().unwrap_or_default();
+        writeln!(text, "\n## {}\n", heading(place)).unwrap();
+        if !says.is_empty() && place != WHOLE {
+            writeln!(text, "{}\n", cell(says)).unwrap();
+        }
+        text.push_str("| key | is | what |\n|---|---|---|\n");
+        let required: Vec<&str> =
+            table["required"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+        for (key, value) in table["properties"].as_object().unwrap() {
+            let shown =
+                if required.contains(&key.as_str()) { format!("**`{key}`**") } else { format!("`{key}`") };
+            let about =
+                value["description"].as_str().or_else(|| definition(value)?.1["description"].as_str());
+            let about = cell(about.unwrap_or_default());
+            writeln!(text, "| {shown} | {} | {about} |", kind(value, &place_of)).unwrap();
+        }
+    }
+    text
+}
+
+/// A description on one line of a table.
+fn cell(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ").replace('|', "\\|")
+}
+
+/// What a value may be: `text`, `number`, `"a"` or `"b"`, a list, a table with a place of its own.
+fn kind(value: &Value, place_of: &dyn Fn(&Value) -> Option<String>) -> String {
+    if let Some((name, defined)) = definition(value) {
+        return match name {
+            "Duration" => "duration".to_owned(),
+            "Size" => "size".to_owned(),
+            _ => kind(defined, place_of),
+        };
+    }
+    if let Some(place) = place_of(value) {
+        return format!("[`{place}`](#{})", anchor(&place));
+    }
+    if let Some(words) = value["enum"].as_array() {
+        let words: Vec<String> = words.iter().map(|word| format!("`{word}`")).collect();
+        return words.join(", ");
+    }
+    if let Some(choices) = value["anyOf"].as_array() {
+        let mut kinds: Vec<String> = choices.iter().map(|choice| kind(choice, place_of)).collect();
+        kinds.dedup();
+        return kinds.join(" or ");
+    }
+    if value["pattern"].is_string() && value["pattern"] == schema()["$defs"]["Duration"]["pattern"] {
+        return "duration".to_owned();
+    }
+    match value["type"].as_str() {
+        Some("string") => "text".to_owned(),
+        Some("integer") => "whole number".to_owned(),
+        Some("number") => "number".to_owned(),
+        Some("boolean") => "`true`, `false`".to_owned(),
+        Some("array") if value["items"].is_object() => {
+            format!("list of {}", kind(&value["items"], place_of))
+        }
+        Some("array") => "list".to_owned(),
+        Some("object") if value["additionalProperties"].is_object() => {
+            format!("by name: {}", kind(&value["additionalProperties"], place_of))
+        }
+        Some("object") => "table".to_owned(),
+        _ => match value["type"].as_array() {
+            Some(types) => {
+                let types = types.iter().map(|one| kind(&serde_json::json!({ "type": one }), place_of));
+                types.collect::<Vec<_>>().join(" or ")
+            }
+            None => "any value".to_owned(),
+        },
+    }
+}
+
+/// The anchor that GitHub and mdBook make of a heading.
+pub(crate) fn anchor(heading: &str) -> String {
+    let heading = heading.to_lowercase();
+    let kept = heading.chars().filter_map(|c| match c {
+        ' ' => Some('-'),
+        c if c.is_alphanumeric() || c == '-' || c == '_' => Some(c),
+        _ => None,
+    });
+    kept.collect()
+}
+
+#[test]
+fn the_table_of_templates_is_what_their_files_say() {
+    is_committed("docs/template-list.md", &templates());
+}
+
+fn templates() -> String {
+    let mut names: Vec<&str> = template::names().collect();
+    names.sort_unstable();
+    let read = |name: &str| -> toml::Table { read(format!("profiles/devices/{name}.toml")).parse().unwrap() };
+    let mut text = "# The shipped device templates\n\n\
+        This chapter is made from `profiles/devices`, and a test compares both: `TEST_WRITES_MANUAL=1 cargo test --test manual`.\n\
+        How a profile uses them is in [device templates](templates.md). None has been tried on its device by us.\n\n\
+        | template | what it is | line | the profile says |\n|---|---|---|---|\n"
+        .to_owned();
+    for name in &names {
+        let template = read(name);
+        let line = if on_modbus(&template) { "Modbus" } else { "CAN" };
+        let title = template["title"].as_str().unwrap();
+        writeln!(text, "| [`{name}`](#{name}) | {} | {line} | {} |", cell(title), asks(&template)).unwrap();
+    }
+    for name in &names {
+        let template = read(name);
+        writeln!(text, "\n## `{name}`\n\n{}\n", template["title"].as_str().unwrap()).unwrap();
+        for (what, key) in [("channels", "channel"), ("outputs", "target")] {
+            let groups = template.get(key).and_then(toml::Value::as_table).into_iter().flatten();
+            let groups: Vec<String> = groups.map(|(name, group)| channels(name, group)).collect();
+            if !groups.is_empty() {
+                writeln!(text, "- **{what}**: {}", groups.join(", ")).unwrap();
+            }
+        }
+        writeln!(text, "- **after**: {}", template["source"].as_str().unwrap()).unwrap();
+        for (what, key) in [("note", "notes"), ("not verified", "unverified")] {
+            for said in template.get(key).and_then(toml::Value::as_array).into_iter().flatten() {
+                writeln!(text, "- **{what}**: {}", said.as_str().unwrap()).unwrap();
+            }
+        }
+    }
+    text
+}
+
+fn on_modbus(template: &toml::Table) -> bool {
+    let groups = ["channel", "target"].map(|key| template.get(key).and_then(toml::Value::as_table));
+    groups.into_iter().flatten().flat_map(toml::Table::values).any(|group| group.get("register").is_some())
+}
+
+/// What a template leaves to the profile.
+fn asks(template: &toml::Table) -> String {
+    let mut asked: Vec<String> = Vec::new();
+    if template.contains_key("variant") {
+        let variants = template["variant"].as_table().unwrap().keys();
+        asked.push(format!("`variant`: {}", variants.cloned().collect::<Vec<_>>().join(", ")));
+    }
+    if template.get("movable").and_then(toml::Value::as_bool) == Some(true) {
+        asked.push("`base`".to_owned());
+    }
+    for key in ["channel", "target"] {
+        let groups =
+            template.get(key).and_then(toml::Value::as_table).into_iter().flat_map(toml::Table::values);
+        for ask in groups.filter_map(|group| group.get("ask")?.as_array()).flatten() {
+            let ask = format!("`{}`", ask.as_str().unwrap());
+            if !asked.contains(&ask) {
+                asked.push(ask);
+            }
+        }
+    }
+    asked.join(", ")
+}
+
+/// `1 … 8` of a group that counts, or its name.
+fn channels(name: &str, group: &toml::Value) -> String {
+    let number = |key: &str| group.get(key).and_then(toml::Value::as_integer);
+    match (group.get("name").and_then(toml::Value::as_str), number("count")) {
+        (Some(pattern), Some(count)) => {
+            let from = number("from").unwrap_or(0);
+            let of = |channel: i64| pattern.replace("{n}", &channel.to_string());
+            format!("`{}` … `{}`", of(from), of(from + count - 1))
+        }
+        _ => format!("`{name}`"),
+    }
+}

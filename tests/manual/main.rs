@@ -1,0 +1,15 @@
+//! README and the manual say what is so: each profile in them is taken, each command runs, each link leads somewhere.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+mod book;
+#[path = "../certificates/mod.rs"]
+mod certificates;
+mod commands;
+mod generated;
+mod links;
+#[path = "../process/mod.rs"]
+mod process;
+mod profiles;
+mod shop;
+mod tables;

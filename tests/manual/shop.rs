@@ -1,0 +1,167 @@
+//! The directory in which a chapter's commands run: the manual's profile, logs of three cold starts, its devices as virtual ones.
+
+use std::fmt::Write;
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+use super::book::{Chapter, chapters};
+use super::process::{Running, file, free_port, isotherm, until};
+
+/// The machine of the manual, without its hardware.
+pub(crate) struct Shop {
+    home: tempfile::TempDir,
+    profile: String,
+    /// What goes on beside, until the block ends.
+    beside: Vec<Running>,
+    /// The devices, where the chapter does not start them itself.
+    _devices: Option<Running>,
+}
+
+impl Shop {
+    pub(crate) fn of(chapter: &Chapter) -> Shop {
+        let home = tempfile::tempdir().unwrap();
+        // On a port of its own, and once a second: a test does not wait ten seconds for a step.
+        let profile = whole_profile()
+            .replace("127.0.0.1:15020", &format!("127.0.0.1:{}", free_port()))
+            .replace("every    = \"10s\"", "every    = \"1s\" ");
+        file(home.path(), "my-machine.toml", &profile);
+        std::fs::create_dir(home.path().join("campaign")).unwrap();
+        for (index, day) in ["mon", "tue", "wed"].iter().enumerate() {
+            let log = cold_start(index);
+            file(home.path(), &format!("{day}.csv"), &log);
+            file(home.path(), &format!("campaign/{day}.csv"), &log);
+        }
+        file(home.path(), "touches.csv", &touches());
+        let starts_them = chapter.text.contains("\nisotherm virtual my-machine.toml");
+        let mut shop = Shop { home, profile, beside: Vec::new(), _devices: None };
+        shop._devices = (!starts_them).then(|| shop.begun("isotherm virtual my-machine.toml", "listens on"));
+        shop
+    }
+
+    fn home(&self) -> &Path {
+        self.home.path()
+    }
+
+    /// The line in a shell, whose `isotherm` is the one that is tested.
+    fn shell(&self, line: &str) -> Command {
+        let mut command = isotherm(self.home());
+        let program = Path::new(command.get_program()).parent().unwrap().to_owned();
+        let path = format!("{}:{}", program.display(), std::env::var("PATH").unwrap());
+        command = Command::new("sh");
+        command.env_clear().env("HOME", self.home()).env("PATH", path).current_dir(self.home());
+        command.args(["-c", &format!("exec {line}")]);
+        command
+    }
+
+    fn begun(&self, line: &str, word: &str) -> Running {
+        let mut running = Running::start(&mut self.shell(line));
+        running.hears(word);
+        running
+    }
+
+    /// Runs a line until it ends, or until it has begun where it goes on; what it printed, and its exit code.
+    pub(crate) fn run(&mut self, line: &str) -> (String, i32) {
+        let line = self.today(line);
+        let goes_on = match line.split_whitespace().nth(1) {
+            Some("virtual") => Some("listens on"),
+            Some("run") => Some("the gateway runs"),
+            _ => None,
+        };
+        if let Some(word) = goes_on {
+            let running = self.begun(&line, word);
+            self.beside.push(running);
+            return (String::new(), 0);
+        }
+        let output = self.shell(&line).output().unwrap();
+        let said = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap()).concat();
+        (said, output.status.code().unwrap_or(-1))
+    }
+
+    /// Ends what goes on, the last first, as Ctrl-C does; a gateway has decided some times by then.
+    pub(crate) fn end_of_block(&mut self) {
+        if self.home().join("state").is_dir() {
+            until("the gateway has decided", || match self.rows() {
+                rows if rows > 3 => Ok(()),
+                rows => Err(format!("{rows} rows")),
+            });
+        }
+        while let Some(mut running) = self.beside.pop() {
+            running.signal("INT");
+            running.ends_within(Duration::from_secs(30));
+        }
+    }
+
+    /// Today's log in `state`.
+    fn log(&self) -> Option<String> {
+        let names = std::fs::read_dir(self.home().join("state")).ok()?;
+        let mut names = names.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        names.find(|name| name.ends_with(".csv") && !name.contains("outputs"))
+    }
+
+    fn rows(&self) -> usize {
+        let text =
+            self.log().map(|log| std::fs::read_to_string(self.home().join("state").join(log)).unwrap());
+        text.map_or(0, |text| text.lines().count().saturating_sub(1))
+    }
+
+    /// The log that the manual names is of another day.
+    fn today(&self, line: &str) -> String {
+        let (Some(begin), Some(log)) = (line.find("my-machine-2"), self.log()) else {
+            return line.to_owned();
+        };
+        let end = line[begin..].find(".csv").map_or(line.len(), |length| begin + length + 4);
+        format!("{}{log}{}", &line[..begin], &line[end..])
+    }
+
+    /// The profile with the mistakes that README makes.
+    pub(crate) fn make_mistakes(&self) {
+        let wrong =
+            self.profile.replace("deadband", "dedband").replace("{ signal = \"bed\"", "{ signal = \"bad\"");
+        assert_ne!(wrong, self.profile);
+        file(self.home(), "my-machine.toml", &wrong);
+    }
+}
+
+/// The one whole profile of the manual.
+fn whole_profile() -> String {
+    let blocks = chapters().into_iter().flat_map(|chapter| chapter.blocks());
+    blocks.filter(|block| block.language == "toml").find(|block| block.marks.is_empty()).unwrap().text
+}
+
+/// Eight hours in which the bed warms by some degrees, and the error follows by −4 µm/°C, minute by minute.
+fn cold_start(day: usize) -> String {
+    let mut log = "time_min,bed,column,head,z_error_um\n".to_owned();
+    let rise = 4.0 + day as f64;
+    for minute in 0..480 {
+        let warm = rise * (1.0 - (-f64::from(minute) / 120.0).exp());
+        let noise = 0.05 * (f64::from(minute) * (1.7 + day as f64)).sin();
+        let late = rise * (1.0 - (-f64::from(minute) / 200.0).exp());
+        let error = 4.0 * warm + noise;
+        writeln!(log, "{minute},{:.2},{:.2},{:.2},{error:.3}", 20.0 + warm, 20.0 + late, 20.0 + 0.3 * warm)
+            .unwrap();
+    }
+    log
+}
+
+/// Five balls along x, touched every half hour, on a machine that goes up and grows.
+fn touches() -> String {
+    let mut touches = "time_min,ball,x_mm,y_mm,z_mm\n".to_owned();
+    for round in 0..16 {
+        let warm = f64::from(round) * 0.0005;
+        for ball in 0..5 {
+            let x = 100.0 * f64::from(ball);
+            let minute = round * 30;
+            writeln!(
+                touches,
+                "{minute},{},{:.4},{:.4},{:.4}",
+                ball + 1,
+                x + warm,
+                warm / 2.0,
+                -warm * (1.0 + x / 1000.0)
+            )
+            .unwrap();
+        }
+    }
+    touches
+}
