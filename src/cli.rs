@@ -31,6 +31,7 @@ mod init;
 mod journal_stream;
 mod logs;
 mod machines;
+mod man;
 mod measured;
 #[cfg(feature = "place")]
 mod place;
@@ -152,9 +153,7 @@ enum Verb {
         /// bash, zsh, fish, elvish, powershell
         shell: clap_complete::Shell,
     },
-    /// The manual page
-    #[command(after_help = "Example:\n  isotherm man > isotherm.1")]
-    Man,
+    Man(man::Arguments),
 }
 
 /// A profile and what is laid over it.
@@ -230,11 +229,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
             clap_complete::generate(shell, &mut Arguments::command(), "isotherm", &mut script);
             Out.write_all(&script).map_err(Into::into)
         }
-        Verb::Man => {
-            let mut manual = Vec::new();
-            let rendered = clap_mangen::Man::new(Arguments::command()).render(&mut manual);
-            rendered.and_then(|()| Out.write_all(&manual)).map_err(Into::into)
-        }
+        Verb::Man(arguments) => man::run(&arguments),
     };
     // What has been logged stands before what is said last.
     drop(log);

@@ -164,6 +164,20 @@ fn what_a_program_reads_can_be_read() {
         assert!(completions.code == Some(0) && completions.out.contains("replay"), "{shell}");
     }
     assert!(run(&["man"]).out.starts_with(".ie"), "a manual page");
+    let pages = tempfile::tempdir().unwrap();
+    assert_eq!(run(&["man", "--dir", pages.path().to_str().unwrap()]).code, Some(0));
+    for page in std::fs::read_dir(pages.path()).unwrap().map(|page| page.unwrap().path()) {
+        let text = std::fs::read_to_string(&page).unwrap();
+        let cited = text.split("isotherm\\-").skip(1).filter_map(|rest| rest.split_once("(1)"));
+        for (verb, _) in cited.filter(|(verb, _)| verb.chars().all(|letter| letter.is_ascii_lowercase())) {
+            assert!(
+                pages.path().join(format!("isotherm-{verb}.1")).is_file(),
+                "{verb} of {}",
+                page.display()
+            );
+        }
+    }
+    assert!(VERBS.iter().all(|verb| pages.path().join(format!("isotherm-{verb}.1")).is_file()));
 }
 
 #[test]

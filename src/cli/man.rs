@@ -1,0 +1,37 @@
+//! `isotherm man`: the manual pages, that of the program and one of each verb.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use clap::CommandFactory;
+
+use super::Arguments as Program;
+use super::say::Out;
+
+/// The manual pages: that of the program on standard output, or all of them in a directory
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  isotherm man | man -l -\n  isotherm man --dir /usr/local/share/man/man1")]
+pub(super) struct Arguments {
+    /// Writes isotherm.1 there, and a page of each verb: isotherm-run.1, …
+    #[arg(long, value_name = "DIR")]
+    dir: Option<PathBuf>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    match &arguments.dir {
+        Some(directory) => write_all(directory),
+        None => {
+            let mut page = Vec::new();
+            clap_mangen::Man::new(Program::command()).render(&mut page)?;
+            Ok(Out.write_all(&page)?)
+        }
+    }
+}
+
+fn write_all(directory: &Path) -> anyhow::Result<()> {
+    let shown = directory.display();
+    let cannot = || format!("the manual pages cannot be written to {shown}");
+    std::fs::create_dir_all(directory).with_context(cannot)?;
+    clap_mangen::generate_to(Program::command(), directory).with_context(cannot)
+}
