@@ -40,3 +40,15 @@ fn a_stop_that_nobody_knows_is_refused_with_the_words_that_there_are() {
     let error = only_error(&text, "machine.on_stop", "\"holds\"").to_string();
     assert!(error.contains("did you mean `hold`?") && error.contains("fault-action"), "{error}");
 }
+
+#[test]
+fn a_profile_of_another_version_is_refused_with_what_to_do() {
+    let of = |version: &str| GRINDER.replacen(FIRST, &format!("[machine]\nversion = {version}\n"), 1);
+    assert!(parse(&of("1")).is_ok());
+    let error = only_error(&of("2"), "machine.version", "2").to_string();
+    assert!(
+        error.contains("this isotherm knows version 1") && error.contains("install the isotherm"),
+        "{error}"
+    );
+    only_error(&of("\"1\""), "machine.version", "\"1\"");
+}

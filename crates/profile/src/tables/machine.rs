@@ -19,6 +19,8 @@ pub(crate) struct RawMachine {
     /// Used in topics, metrics and file names.
     #[schemars(required, regex(pattern = "^[a-z0-9-]+$"))]
     name: Option<String>,
+    /// The form of the profile itself; this program knows 1. Default 1.
+    version: Option<u64>,
     /// One line for people.
     description: Option<String>,
     /// What people call it, in any script: shown beside the name.
@@ -40,6 +42,8 @@ pub(crate) struct RawMachine {
     allow_override: Option<Vec<String>>,
 }
 
+/// The form of a profile that this program knows.
+const FORM: u64 = 1;
 /// With a date and an ending it is the name of a file.
 const LONGEST_NAME: usize = 64;
 /// A request to arm waits this long where nothing else is said.
@@ -104,6 +108,11 @@ pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
     } else if name.len() > LONGEST_NAME {
         let message = format!("a machine's name of {} characters does not fit into file names", name.len());
         at.key("name").wrong(message, format!("allowed: up to {LONGEST_NAME}"));
+    }
+    if let Some(version) = raw.version.filter(|version| *version != FORM) {
+        let message = format!("a profile of version {version}; this isotherm knows version {FORM}");
+        at.key("version")
+            .wrong(message, "install the isotherm that it was written for, or leave the key out");
     }
     let settings = MachineSettings {
         on: at.key("on").signal(raw.on.as_ref()),
