@@ -178,7 +178,7 @@ fn its_model_is_taken_by_a_profile_and_its_report_is_one_file() {
     assert!(page.len() < 1_000_000, "{} bytes", page.len());
 }
 
-/// From nothing to a profile's models and a plant, as README has it.
+/// From nothing to a profile's models and a plant, as `docs/placement.md` has it.
 #[test]
 fn the_example_leads_to_models_of_two_axes_with_a_rider_and_to_the_modes_of_its_plant() {
     let home = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! What goes out by itself, and what is kept: no socket but those of devices, page and commands, no file but those that the README
+//! What goes out by itself, and what is kept: no socket but those of devices, page and commands, no file but those that the manual
 //! lists, and in them nobody's name but of those who commanded.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -161,10 +161,11 @@ impl Watch {
     }
 }
 
-/// The files that the README says lie in the state directory.
+/// The files that the manual says lie in the state directory.
 fn listed() -> Vec<String> {
-    let readme = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).unwrap();
-    let section = readme.split("## What lies in the state directory").nth(1).unwrap();
+    let chapter = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/time-and-state.md");
+    let chapter = std::fs::read_to_string(chapter).unwrap();
+    let section = chapter.split("## What lies in the state directory").nth(1).unwrap();
     let section = section.split("\n## ").next().unwrap();
     let rows = section.lines().filter(|line| line.starts_with("| `"));
     let first = rows.filter_map(|row| row.split('|').nth(1));
@@ -249,7 +250,7 @@ fn a_gateway_goes_to_nobody_but_its_devices_and_keeps_nothing_but_what_is_listed
     let kept = names_in(&state);
     for file in kept.iter().chain(&before) {
         let is_listed = listed.iter().any(|pattern| is_of(file, pattern, "walker"));
-        assert!(is_listed, "{file} is not among what the README lists: {listed:?}");
+        assert!(is_listed, "{file} is not among what the manual lists: {listed:?}");
     }
     for pattern in listed.iter().filter(|pattern| !pattern.ends_with(".sock")) {
         assert!(kept.iter().any(|file| is_of(file, pattern, "walker")), "{pattern}: {kept:?}");
