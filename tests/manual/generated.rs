@@ -220,7 +220,8 @@ fn the_table_of_templates_is_what_their_files_say() {
 fn templates() -> String {
     let mut names: Vec<&str> = template::names().collect();
     names.sort_unstable();
-    let read = |name: &str| -> toml::Table { read(format!("profiles/devices/{name}.toml")).parse().unwrap() };
+    let file = |name: &str| read(format!("profiles/devices/{name}.toml"));
+    let read = |name: &str| -> toml::Table { file(name).parse().unwrap() };
     let mut text = "# The shipped device templates\n\n\
         This chapter is made from `profiles/devices`, and a test compares both: `TEST_WRITES_MANUAL=1 cargo test --test manual`.\n\
         How a profile uses them is in [device templates](templates.md). None has been tried on its device by us.\n\n\
@@ -235,6 +236,7 @@ fn templates() -> String {
     for name in &names {
         let template = read(name);
         writeln!(text, "\n## `{name}`\n\n{}\n", template["title"].as_str().unwrap()).unwrap();
+        text.push_str(&heading_comment(&file(name)));
         for (what, key) in [("channels", "channel"), ("outputs", "target")] {
             let groups = template.get(key).and_then(toml::Value::as_table).into_iter().flatten();
             let groups: Vec<String> = groups.map(|(name, group)| channels(name, group)).collect();
@@ -250,6 +252,17 @@ fn templates() -> String {
         }
     }
     text
+}
+
+/// What stands above the first key of a template's file: sentences, or a layout with its columns.
+fn heading_comment(file: &str) -> String {
+    let lines = file.lines().take_while(|line| line.starts_with('#'));
+    let lines: Vec<&str> = lines.map(|line| line[1..].strip_prefix(' ').unwrap_or(&line[1..])).collect();
+    match lines.join("\n") {
+        none if none.trim().is_empty() => String::new(),
+        layout if layout.contains("   ") => format!("```text\n{layout}\n```\n\n"),
+        sentences => format!("{sentences}\n\n"),
+    }
 }
 
 fn on_modbus(template: &toml::Table) -> bool {

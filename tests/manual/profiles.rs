@@ -94,9 +94,17 @@ fn every_profile_and_every_part_of_one_is_taken() {
             counted[1] += 1;
             let shipped = read("profiles/column-hmc.plant.toml");
             let mut plant: Table = shipped.parse().unwrap();
-            plant.remove("structure");
+            // The column of the chapter has three of its five surfaces by other names than the shipped one.
+            let names = [("air_high", "front"), ("air_low", "back"), ("inside", "sides")];
+            if let Some(Value::Table(sinks)) = plant["structure"].get_mut("sinks") {
+                sinks.retain(|name, _| names.iter().all(|(known, _)| *known != name));
+            }
             laid_over(&mut plant, block.text.parse().unwrap());
-            let modes = |_: &str| Some(read("profiles/column-hmc/modes.json"));
+            let modes = |_: &str| {
+                let shipped = read("profiles/column-hmc/modes.json");
+                let quoted = |name: &str| format!("\"{name}\"");
+                Some(names.iter().fold(shipped, |text, (from, to)| text.replace(&quoted(from), &quoted(to))))
+            };
             if let Err(error) = PlantSpec::parse_with(&toml::to_string(&plant).unwrap(), &modes) {
                 refused.push(format!("{}: {error}", block.place));
             }
