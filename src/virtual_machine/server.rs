@@ -76,17 +76,9 @@ pub(super) async fn serve(
     let mut strangers = Strangers::default();
     loop {
         tokio::select! {
-            _ = stop.changed() => {
-                while let Some(ended) = connections.try_join_next() {
-                    let _ = report(ended)?.and_then(|peer| strangers.came(peer));
-                }
-                if strangers.untold > 0 {
-                    tracing::warn!("{}", strangers.told());
-                }
-                return Ok(());
-            }
+            _ = stop.changed() => break,
             switch = switched.recv() => {
-                let Some(OpenOrClose { is_open, done }) = switch else { return Ok(()) };
+                let Some(OpenOrClose { is_open, done }) = switch else { break };
                 if is_open {
                     if let Some(socket) = closed.take() {
                         listener = Some(socket.listen(1024)?);
@@ -114,6 +106,13 @@ pub(super) async fn serve(
             }
         }
     }
+    while let Some(ended) = connections.try_join_next() {
+        let _ = report(ended)?.and_then(|peer| strangers.came(peer));
+    }
+    if strangers.untold > 0 {
+        tracing::warn!("{}", strangers.told());
+    }
+    Ok(())
 }
 
 /// A socket at this address that does not listen yet.
