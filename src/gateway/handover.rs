@@ -31,8 +31,11 @@ impl Handover {
         for (place, (axis, arming)) in axes.enumerate() {
             let name = axis.settings.name.clone();
             if arming.armed && !arming.tripped {
-                let decision = core.compensation.decision(place);
-                handover.armed.insert(name, decision.map_or(Micron::ZERO, |decision| decision.cz));
+                let of_position = core.outputs.of_axis(place);
+                let stands = of_position.filter(|(output, _)| output.writes.position().is_some());
+                let stands = stands.filter_map(|(_, state)| state.cz).next();
+                let decided = core.compensation.decision(place).map(|decision| decision.cz);
+                handover.armed.insert(name, stands.or(decided).unwrap_or_default());
             } else if arming.latched || arming.tripped {
                 handover.off.insert(name, arming.why.clone());
             }
