@@ -257,7 +257,8 @@ fn is_closed_pipe(error: &anyhow::Error) -> bool {
 /// Lines of the log that wait for a slow reader; more are lost.
 const UNREAD: usize = 2048;
 
-/// Starts the log on stderr, in the journal's form where that is the journal. A thread of its own writes it, so that nobody waits for a reader who does not read; what it has not written is written when the guard is dropped.
+/// Starts the log on stderr, in the journal's form where that is the journal. A thread of its own writes it, so that nobody
+/// waits for a reader who does not read; what it has not written is written when the guard is dropped.
 fn start_log(filter: &str) -> WorkerGuard {
     use tracing_subscriber::EnvFilter;
     use tracing_subscriber::field::MakeExt;

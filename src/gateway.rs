@@ -272,7 +272,7 @@ impl Gateway {
             None => tokio::select! {
                 biased;
                 () = &mut shutdown => Some(on_stop),
-                _ = self.settle() => None,
+                () = self.settle() => None,
             },
             asked => asked,
         };
@@ -315,22 +315,24 @@ impl Gateway {
         service_manager::stopping(does, within);
         match how {
             OnStop::FaultAction => self.wait_until(within, ending::at_rest).await,
-            OnStop::Hold => self.settled(within).await,
+            OnStop::Hold => {
+                self.settled(within).await;
+                true
+            }
         }
     }
 
     /// Nothing is decided any more, and what is under way comes to its end: another program takes the place of this one.
-    async fn settle(&self) -> bool {
+    async fn settle(&self) {
         let within = ending::begin_stop(&self.shared, OnStop::Hold);
         self.shared.report(&Event::Stopping { holds: true, within });
         service_manager::reloading("another program takes over; the registers keep what they hold");
-        self.settled(within).await
+        self.settled(within).await;
     }
 
     /// A register that is not known to have settled is no failure of a stop that moves nothing: the next start waits for it.
-    async fn settled(&self, within: Duration) -> bool {
+    async fn settled(&self, within: Duration) {
         let _ = self.wait_until(within, ending::has_settled).await;
-        true
     }
 
     fn handover(&self) -> Handover {
