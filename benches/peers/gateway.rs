@@ -14,17 +14,19 @@ pub(super) fn closed_loop(port: u16, pipeline: u8) {
     let work = Work { devices: 1, period: Duration::from_secs(1), reads_only: false };
     let polls = Duration::from_micros(1);
     run(
-        &profile(port, &work, pipeline),
+        profile(port, &work, pipeline),
         Options { pace: Some(Pace { polls, axes: polls }), ..Options::default() },
     );
 }
 
 pub(super) fn fleet(port: u16, work: &Work) {
-    run(&profile(port, work, 1), Options::default());
+    run(profile(port, work, 1), Options::default());
 }
 
-fn run(text: &str, options: Options) {
-    let loaded = isotherm_profile::parse(Path::new("peers.toml"), text, &[], &[]);
+fn run(text: String, options: Options) {
+    let loaded = isotherm_profile::parse(Path::new("peers.toml"), &text, &[], &[]);
+    // As `run` does, which reads it from a file.
+    drop(text);
     let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {

@@ -1,7 +1,7 @@
 //! A protocol timeout: wall time always, also under a virtual clock, because a real socket is waited for.
 //!
-//! The timer is set once and moved only when it fires too early, so that a request which is answered in time, as
-//! nearly all are, costs no timer at all.
+//! The timer is set once, moved when it fires too early, and put off for as long as a line rests: a request that is answered
+//! in time, as nearly all are, costs no timer at all on a line that is always busy, and no wake-up on one that rests.
 
 #![allow(clippy::disallowed_types, reason = "timeouts are wall time")]
 
@@ -23,6 +23,16 @@ impl Patience {
     /// A timer that has not been set.
     pub fn new() -> Patience {
         Patience::default()
+    }
+
+    /// Nothing is waited for before so long: until that is over the timer wakes nobody.
+    pub fn put_off(&mut self, span: Duration) {
+        if let Some(timer) = &mut self.timer {
+            let deadline = Instant::now() + span;
+            if timer.deadline() < deadline {
+                timer.as_mut().reset(deadline);
+            }
+        }
     }
 
     /// What the future gives, or `None` where it takes longer than `span`. One that is ready at once costs nothing.

@@ -19,7 +19,6 @@
 //! A device that failed is left alone for a pause that doubles; while it rests, the others on the line are served, so
 //! a dead unit costs them at most one timeout per pause. A line that cannot be connected rests in the same way.
 
-use std::collections::BTreeMap;
 use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -28,7 +27,7 @@ use super::backoff::Backoff;
 use super::connection::{Connection, Dial};
 use super::departure::{Departure, Leave};
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
-use super::owed::{Owed, Spans};
+use super::owed::{Debts, Owed, Spans};
 use super::pipeline::Pipeline;
 use super::trace::Tap;
 use super::wire::{Answer, Request};
@@ -66,7 +65,7 @@ pub struct DeviceLine {
     refused: Fault,
     units: Vec<Unit>,
     /// What the units still owe, by their numbers.
-    owed: BTreeMap<u8, Owed>,
+    owed: Debts,
     /// Answers do not name their questions.
     is_nameless: bool,
     pipeline: Pipeline,
@@ -138,7 +137,7 @@ impl DeviceLine {
                 last_fault: Fault::Link(LinkFault::Down),
             })
             .collect();
-        let owed = devices.iter().map(|(_, device)| (device.unit, Owed::unknown())).collect();
+        let owed = Debts::of_units(devices.iter().map(|(_, device)| device.unit));
         DeviceLine {
             dial,
             departure: Departure::whenever(clock),
@@ -198,6 +197,12 @@ impl DeviceLine {
         self.departure.look()
     }
 
+    /// Nobody is asked for so long.
+    pub fn rests_for(&mut self, span: Duration) {
+        self.departure.away_for(span);
+        self.patience.put_off(span + self.timeout);
+    }
+
     /// When the clock was last looked at.
     pub fn looked(&self) -> Moment {
         self.departure.looked()
@@ -233,7 +238,7 @@ impl DeviceLine {
     /// the device: an RTU line loses an answer now and then.
     pub fn again_at(&self, device: DeviceId) -> Option<Moment> {
         let unit = self.units.iter().find(|unit| unit.device == device).filter(|_| self.is_nameless)?;
-        let owed = self.owed.get(&unit.number).and_then(|owed| owed.again_at(self.spans()));
+        let owed = self.owed.get(unit.number).and_then(|owed| owed.again_at(self.spans()));
         let rests = unit.breaker.not_before().max(self.redial.not_before());
         Some(owed.max(rests).unwrap_or_default().max(self.looked()))
     }
@@ -290,7 +295,7 @@ impl DeviceLine {
             return Err(Fault::CLOSED);
         }
         let number = unit.number;
-        let not_before = self.owed.get(&number).and_then(|owed| owed.not_before(request, self.spans()));
+        let not_before = self.owed.get(number).and_then(|owed| owed.not_before(request, self.spans()));
         if not_before.is_some_and(|moment| now < moment) {
             return Err(if request.is_read() { unit.last_fault } else { Fault::Caller(CallerFault::Owed) });
         }
@@ -320,9 +325,9 @@ impl DeviceLine {
                 let took = self.departure.took();
                 self.took = took;
                 for late in connection.wire().heard_late() {
-                    self.owed.entry(late).and_modify(Owed::distrust);
+                    self.owed.of(late).distrust();
                 }
-                let owed = self.owed.entry(number).or_insert_with(Owed::unknown);
+                let owed = self.owed.of(number);
                 first_asked = owed.first_asked(request);
                 answer = match exchanged {
                     // One that was found after its time comes too late, also where nobody looked in between.
@@ -433,7 +438,7 @@ impl DeviceLine {
     /// Hangs up: what is on its way on the connection belongs to a time that is over.
     pub fn hang_up(&mut self) {
         self.wire = None;
-        self.owed.values_mut().for_each(Owed::anything);
+        self.owed.each().for_each(Owed::anything);
     }
 
     /// The connection was closed by the other end: whether that happens too often to come back at once.
@@ -455,7 +460,7 @@ impl DeviceLine {
     /// another is left alone until what it owes has had its time.
     fn misses(&mut self, place: usize, request: Request<'_>, fault: Fault, now: Moment) {
         let asked = self.departure.asked().unwrap_or(now);
-        let owed = self.owed.entry(self.units[place].number).or_insert_with(Owed::unknown);
+        let owed = self.owed.of(self.units[place].number);
         let is_lost =
             matches!(fault, Fault::Timeout | Fault::Peer(PeerFault::Malformed | PeerFault::Foreign));
         if !is_lost {
@@ -473,7 +478,7 @@ impl DeviceLine {
     fn rest(&mut self, place: usize, fault: Fault, now: Moment) {
         let quiet = now.after((self.timeout * (1 + GRACE)).max(self.timeout + SHORTEST_REST));
         let number = self.units[place].number;
-        let owed = self.owed.entry(number).or_insert_with(Owed::unknown);
+        let owed = self.owed.of(number);
         owed.anything();
         if !owed.has_answered() || !(1..=PATIENT).contains(&owed.missed()) {
             self.units[place].breaker.fail(now.after(self.timeout));
@@ -505,7 +510,7 @@ impl DeviceLine {
     async fn hear_out(&mut self, number: u8, request: Request<'_>) -> Result<(), Fault> {
         let spans = self.spans();
         let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
-        let owed = self.owed.entry(number).or_insert_with(Owed::unknown);
+        let owed = self.owed.of(number);
         loop {
             // On a new connection nothing waits yet of what is said out of turn.
             let least = if self.has_answered { Duration::ZERO } else { self.timeout };
@@ -526,9 +531,8 @@ impl DeviceLine {
             }
         }
         if !connection.wire().has_transaction_id() {
-            let owed = self.owed.iter().flat_map(|(unit, owed)| owed.marks().map(|mark| (*unit, mark)));
-            connection.wire().pass_over(owed.collect());
-            self.owed.values_mut().for_each(|owed| owed.forget(spans));
+            connection.wire().pass_over(self.owed.marks().collect());
+            self.owed.each().for_each(|owed| owed.forget(spans));
         }
         Ok(())
     }

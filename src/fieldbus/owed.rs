@@ -34,6 +34,9 @@ pub struct Mark {
     form: [u16; 2],
 }
 
+/// What the units of a line owe, by their numbers: few enough to be looked through.
+pub(super) struct Debts(Vec<(u8, Owed)>);
+
 /// What has not been heard of one unit.
 #[derive(Debug)]
 pub(super) struct Owed {
@@ -97,6 +100,38 @@ impl Mark {
     /// Whether the content of a frame refuses a question with such an answer.
     pub(super) fn is_refused_by(self, pdu: &[u8]) -> bool {
         pdu.len() == 2 && pdu[0] == self.function | 0x80
+    }
+}
+
+impl Debts {
+    /// Of units that nobody has asked yet.
+    pub(super) fn of_units(numbers: impl Iterator<Item = u8>) -> Debts {
+        let mut debts = Debts(Vec::new());
+        for number in numbers {
+            debts.of(number);
+        }
+        debts
+    }
+
+    pub(super) fn get(&self, number: u8) -> Option<&Owed> {
+        self.0.iter().find(|(unit, _)| *unit == number).map(|(_, owed)| owed)
+    }
+
+    pub(super) fn of(&mut self, number: u8) -> &mut Owed {
+        let place = self.0.iter().position(|(unit, _)| *unit == number).unwrap_or_else(|| {
+            self.0.push((number, Owed::unknown()));
+            self.0.len() - 1
+        });
+        &mut self.0[place].1
+    }
+
+    pub(super) fn each(&mut self) -> impl Iterator<Item = &mut Owed> {
+        self.0.iter_mut().map(|(_, owed)| owed)
+    }
+
+    /// What may still come, and of which unit.
+    pub(super) fn marks(&self) -> impl Iterator<Item = (u8, Mark)> {
+        self.0.iter().flat_map(|(unit, owed)| owed.marks().map(|mark| (*unit, mark)))
     }
 }
 

@@ -167,7 +167,7 @@ impl LineTask {
             match turn {
                 Turn::Sleep(due) => {
                     let due = due.min(now.after(IDLE));
-                    self.line.departure.away_for(due.since(now));
+                    self.line.rests_for(due.since(now));
                     let began = sleeper.sleep_from(now, due).await;
                     self.line.departure.look_at(began);
                     self.account(began.since(due));

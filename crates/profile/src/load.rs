@@ -25,6 +25,8 @@ const FAMILY: &str = "ISOTHERM_";
 const LOG: &str = "ISOTHERM_LOG";
 /// So many variables are named in a warning.
 const NAMED: usize = 5;
+/// Bytes of a large machine's files.
+const LARGE: usize = 100_000;
 
 /// A good profile, and what is worth a second look.
 #[derive(Clone, Debug, PartialEq)]
@@ -139,7 +141,29 @@ fn local_beside(path: &Path) -> PathBuf {
     path.with_extension("local.toml")
 }
 
+/// Reading a large machine takes five times the memory of what comes out of it, and glibc gives that back only where nothing
+/// that is kept lies between. So it is read in a thread, whose memory is its own, and copied from there.
 fn layered(
+    layers: &[(PathBuf, String)],
+    files: &Files<'_>,
+    settings: &[(String, String)],
+    environment: &[(String, String)],
+) -> Result<Loaded, Errors> {
+    // It stays, and must not lie there.
+    schema();
+    let read = || merged_and_checked(layers, files, settings, environment);
+    if layers.iter().map(|(_, text)| text.len()).sum::<usize>() < LARGE {
+        return read();
+    }
+    std::thread::scope(|scope| {
+        let loaded = scope.spawn(read).join().unwrap_or_else(|panicked| std::panic::resume_unwind(panicked));
+        let kept = loaded.clone();
+        scope.spawn(|| drop(loaded));
+        kept
+    })
+}
+
+fn merged_and_checked(
     layers: &[(PathBuf, String)],
     files: &Files<'_>,
     settings: &[(String, String)],
