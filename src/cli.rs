@@ -16,6 +16,7 @@ use crate::gateway::control::Failure;
 use crate::gateway::how_to_find_a_model;
 use crate::observe::status::Command;
 
+mod backup;
 #[cfg(any(feature = "identify", feature = "place"))]
 mod beside;
 mod certificate;
@@ -44,6 +45,7 @@ pub mod replay;
 #[cfg(feature = "identify")]
 mod report;
 mod restart;
+mod restore;
 mod run;
 mod running;
 #[cfg(feature = "identify")]
@@ -119,6 +121,10 @@ enum Verb {
     Report(report::Arguments),
     /// Another program or profile in the place of the running gateway, without moving anything
     Restart(restart::Arguments),
+    /// What belongs to a machine in one file: profile, models, templates, state and ledger
+    Backup(backup::Arguments),
+    /// A machine out of such a file; no axis moves before a person arms it
+    Restore(restore::Arguments),
     /// Let the running gateway write
     #[command(
         after_help = "Examples:\n  isotherm arm my-machine.toml\n  isotherm arm my-machine.toml --axis z --no-wait"
@@ -199,6 +205,8 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Demo(arguments) => demo::run(&arguments),
         Verb::Run(arguments) => run::run(&arguments).map(|next| replacement = next),
         Verb::Restart(arguments) => restart::run(&arguments),
+        Verb::Backup(arguments) => backup::run(&arguments),
+        Verb::Restore(arguments) => restore::run(&arguments),
         Verb::Init(arguments) => init::run(&arguments),
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Read(arguments) => read::run(&arguments),

@@ -24,6 +24,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::{AxisId, Bus, BusId, OnStop, Output, Profile};
 
 mod arming;
+pub mod backup;
 mod board;
 mod can;
 mod commissioning;
@@ -85,7 +86,7 @@ pub use why::how_to_find_a_model;
 pub use wire_log::WireLog;
 
 /// Why an axis waits for a person.
-const NOT_BELIEVED: &str = "what was saved here did not fit (see the events), and nobody has armed since";
+const NOT_BELIEVED: &str = "what was saved here did not fit (see the events) or was put back from a backup, and nobody has armed since";
 /// How long the end of a run waits for the ledger to be on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 

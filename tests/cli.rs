@@ -15,7 +15,7 @@ use process::{PATIENCE, Running, file, free_port, isotherm};
 
 const MACHINE: &str = include_str!("interop/machine.toml");
 
-const VERBS: [&str; 26] = [
+const VERBS: [&str; 28] = [
     "demo",
     "run",
     "check",
@@ -41,6 +41,8 @@ const VERBS: [&str; 26] = [
     "init",
     "sign",
     "restart",
+    "backup",
+    "restore",
     "token",
 ];
 

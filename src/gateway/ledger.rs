@@ -15,7 +15,7 @@ use crate::observe::events::{Event, Journal};
 use isotherm_core::output::{self, Doubt};
 use isotherm_profile::{Output, Profile, Share};
 
-mod file;
+pub(super) mod file;
 mod writer;
 
 use file::{Entries, Entry, LedgerFile, register};

@@ -55,14 +55,14 @@ struct Versioned {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Seal {
-    checksum: String,
-    kind: Which,
-    machine: String,
-    since: Moment,
-    number: u64,
-    other: u64,
+    pub(super) checksum: String,
+    pub(super) kind: Which,
+    pub(super) machine: String,
+    pub(super) since: Moment,
+    pub(super) number: u64,
+    pub(super) other: u64,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    in_question: bool,
+    pub(super) in_question: bool,
 }
 
 /// What stands in the place of a document.

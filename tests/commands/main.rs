@@ -2,6 +2,7 @@
 //! never, and one that waits is seen to wait. What happened is known after a restart.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+mod backup;
 mod bench;
 mod deadline;
 #[path = "../device/mod.rs"]

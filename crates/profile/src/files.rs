@@ -1,5 +1,7 @@
 //! Where the files that a profile names are: beside it, or, for one that is part of the program, in the program.
 
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
@@ -11,8 +13,8 @@ const OF_OTHERS: u32 = 0o006;
 /// The files of one profile.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Files<'a> {
-    /// Relative to this directory.
-    Beside(&'a Path),
+    /// Relative to this directory; and the names of those that were read.
+    Beside(&'a Path, &'a RefCell<BTreeSet<String>>),
     /// By name.
     Inside(&'a [(&'a str, &'a [u8])]),
 }
@@ -24,7 +26,7 @@ impl Files<'_> {
     /// A sentence: it is there and cannot be read.
     pub(crate) fn text(&self, name: &str) -> Result<Option<String>, String> {
         let is_there = match self {
-            Files::Beside(directory) => directory.join(name).exists(),
+            Files::Beside(directory, _) => directory.join(name).exists(),
             Files::Inside(files) => files.iter().any(|(known, _)| *known == name),
         };
         if !is_there {
@@ -37,14 +39,14 @@ impl Files<'_> {
     /// As errors name a file.
     pub(crate) fn path(&self, name: &str) -> String {
         match self {
-            Files::Beside(directory) => directory.join(name).display().to_string(),
+            Files::Beside(directory, _) => directory.join(name).display().to_string(),
             Files::Inside(_) => name.to_owned(),
         }
     }
 
     /// Whether anybody on this computer may read or change it.
     pub(crate) fn is_open_to_all(&self, name: &str) -> bool {
-        let Files::Beside(directory) = self else { return false };
+        let Files::Beside(directory, _) = self else { return false };
         let found = directory.join(name).metadata();
         found.is_ok_and(|found| found.permissions().mode() & OF_OTHERS != 0)
     }
@@ -52,7 +54,7 @@ impl Files<'_> {
     /// The names in a directory that end so, without that end.
     pub(crate) fn names(&self, directory: &str, end: &str) -> Vec<String> {
         let names: Vec<String> = match self {
-            Files::Beside(beside) => {
+            Files::Beside(beside, _) => {
                 let entries = std::fs::read_dir(beside.join(directory)).into_iter().flatten().flatten();
                 entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect()
             }
@@ -74,7 +76,8 @@ impl Files<'_> {
 
     fn bytes(&self, name: &str, largest: u64) -> Result<Vec<u8>, String> {
         match self {
-            Files::Beside(directory) => {
+            Files::Beside(directory, read) => {
+                read.borrow_mut().insert(name.to_owned());
                 let path = directory.join(name);
                 regular::read(&path, largest).map_err(|why| {
                     format!(

@@ -1,5 +1,7 @@
 //! From layers of text to a [`Profile`], or to every error at once.
 
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
@@ -35,6 +37,8 @@ pub struct Loaded {
     pub profile: Profile,
     /// Nothing that keeps it from running.
     pub warnings: Vec<ProfileError>,
+    /// The files that were read, by the names that the profile has for them: its layers, models, templates, certificates.
+    pub files: Vec<String>,
 }
 
 /// Reads a profile with all its layers: the file, `<stem>.local.toml` beside it, `environment`, `settings` (`--set`).
@@ -55,8 +59,13 @@ pub fn load(
         Err(why) if why.kind() == std::io::ErrorKind::NotFound => {}
         Err(why) => return Err(Errors(vec![unreadable(&local.display().to_string(), &why)])),
     }
-    let beside = Files::Beside(path.parent().unwrap_or(Path::new("")));
-    layered(&files, &beside, settings, environment)
+    let read = RefCell::new(BTreeSet::new());
+    let beside = Files::Beside(path.parent().unwrap_or(Path::new("")), &read);
+    let mut loaded = layered(&files, &beside, settings, environment)?;
+    let layers = files.iter().filter_map(|(path, _)| path.file_name());
+    loaded.files = layers.map(|name| name.to_string_lossy().into_owned()).collect();
+    loaded.files.extend(read.into_inner());
+    Ok(loaded)
 }
 
 fn profile_text(path: &Path) -> std::io::Result<String> {
@@ -294,7 +303,7 @@ impl Loader<'_> {
         };
         if let Some(mut profile) = profile.filter(|_| self.errors.is_empty()) {
             profile.overridden = overridden;
-            return Ok(Loaded { profile, warnings: warnings.listed(&self.spans) });
+            return Ok(Loaded { profile, warnings: warnings.listed(&self.spans), files: Vec::new() });
         }
         if self.errors.is_empty() {
             let message = "the profile cannot be resolved, and no key can be blamed for it";

@@ -31,14 +31,14 @@ struct SecondSeal {
 }
 
 /// What is kept, by output.
-pub(super) type Entries = BTreeMap<String, Entry>;
+pub(in crate::gateway) type Entries = BTreeMap<String, Entry>;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Entry {
+pub(in crate::gateway) struct Entry {
     /// Which register it speaks of, and what a count is worth there.
-    pub(super) register: String,
-    pub(super) kept: Kept,
+    pub(in crate::gateway) register: String,
+    pub(in crate::gateway) kept: Kept,
 }
 
 /// Where it is kept.

@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-use super::checksum;
+use super::{Which, checksum};
 use crate::gateway::log::outputs::{ENDING, SEALED};
 use crate::gateway::storage::keeping::logs;
 use isotherm_core::quantity::{Moment, time};
@@ -35,6 +35,18 @@ impl Named {
         let checksum = checksum(&line);
         let _ = writeln!(line, "{checksum}");
         line
+    }
+
+    /// A clause where a document of this number is older than the log says, or not of the same history.
+    pub(in crate::gateway) fn is_later(self, which: Which, since: Moment, number: u64) -> Option<String> {
+        let known = self.numbers[which as usize];
+        match self.since == since {
+            false => Some("are not of the same machine's history".to_owned()),
+            true if known > number => {
+                Some(format!("know of a newer {} (its number is {known}, not {number})", which.name()))
+            }
+            true => None,
+        }
     }
 
     fn read(row: &str) -> Option<Named> {

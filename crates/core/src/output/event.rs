@@ -108,6 +108,8 @@ pub enum Doubt {
     Lost,
     /// The ledger speaks of another register, or of counts of another worth.
     Elsewhere,
+    /// The ledger was put back from a backup.
+    Restored,
 }
 
 impl fmt::Display for Doubt {
@@ -122,6 +124,9 @@ impl fmt::Display for Doubt {
             Doubt::ChangedWhileArming => "the register changed while the axis was being armed",
             Doubt::Unreadable => "the ledger cannot be read",
             Doubt::Lost => "an offset was written before, and there is no ledger of it",
+            Doubt::Restored => {
+                "the ledger is that of a backup, and something else may have been written since"
+            }
             Doubt::Elsewhere => "the ledger speaks of another register, or of counts of another worth",
         })
     }

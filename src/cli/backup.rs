@@ -1,0 +1,200 @@
+//! `isotherm backup`: what belongs to a machine in one file. `restore` is the way back.
+
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
+use std::path::{Component, Path, PathBuf};
+
+use anyhow::Context;
+use serde::{Deserialize, Serialize};
+
+use super::values::key_and_value;
+use super::{load_quietly, running};
+use crate::cli::say::{say, say_beside};
+use crate::clock::Clock;
+use crate::gateway;
+use isotherm_core::quantity::time;
+use isotherm_profile::{Profile, regular, sha256};
+
+/// A backup is no larger than this, in bytes: it is taken and put back in memory, and what is larger is none.
+pub(super) const LARGEST: u64 = 128 * 1024 * 1024;
+/// The form of the file.
+pub(super) const FORM: u32 = 1;
+pub(super) const MANIFEST: &str = "manifest.json";
+/// Below these, in the archive, lie the profile with its files, and the state directory.
+pub(super) const PROFILE: &str = "profile";
+pub(super) const STATE: &str = "state";
+/// Of an archive that holds a token or a key, and of these.
+const SECRET_MODE: u32 = 0o600;
+const MODE: u32 = 0o640;
+
+/// Writes what belongs to a machine into one file, a tar archive: the profile and its .local.toml, the models, device templates,
+/// DBC files and certificates that they name, state and ledger, and a list with the SHA-256 of each. The gateway may run meanwhile.
+///
+/// Logs and events are not in it: copy them out of the state directory. Nor are settings by --set and the environment.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  isotherm backup my-machine.toml my-machine.tar\n  isotherm backup my-machine.toml my-machine.tar --secrets"
+)]
+pub(super) struct Arguments {
+    /// The machine's profile
+    #[arg(value_name = "PROFILE")]
+    profile: PathBuf,
+    /// The file to write; one that is there already is not touched
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Overrides one key, as often as needed: `--set bus.cell.address=10.0.0.7:502`
+    #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
+    set: Vec<(String, String)>,
+    /// With tokens and private keys; nobody else may read the file then (0600)
+    #[arg(long)]
+    secrets: bool,
+    /// The state directory that the gateway was started with
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
+}
+
+/// What stands first in the archive: the rest follows in this order, and nothing else.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Manifest {
+    pub(super) form: u32,
+    pub(super) program: String,
+    pub(super) machine: String,
+    pub(super) time: String,
+    pub(super) secrets: bool,
+    /// The name of the profile's file.
+    pub(super) profile: String,
+    /// What `[history] directory` says.
+    pub(super) state_directory: Option<PathBuf>,
+    pub(super) files: Vec<Entry>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Entry {
+    pub(super) path: String,
+    pub(super) mode: u32,
+    pub(super) bytes: u64,
+    pub(super) sha256: String,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let Arguments { profile: path, file, .. } = arguments;
+    let loaded = load_quietly(path, &arguments.set, false)?;
+    let name = path.file_name().filter(|_| path.is_file()).and_then(|name| name.to_str());
+    let name = name.with_context(|| {
+        format!(
+            "{} is part of the program and needs no backup: name the file that the gateway runs",
+            path.display()
+        )
+    })?;
+    let profile = &loaded.profile;
+    let beside = path.parent().unwrap_or(Path::new(""));
+    let directory = running::directory(arguments.state.as_deref(), profile)?;
+    let secrets = secrets(profile, beside);
+    let mut names: BTreeSet<String> = loaded.files.iter().cloned().collect();
+    names.extend(certificate(profile, beside));
+    names.extend(secrets.iter().cloned());
+    let mut files = Vec::new();
+    for name in &names {
+        let shown = beside.join(name);
+        if secrets.contains(name) && !arguments.secrets {
+            say_beside!("left out, because it is secret: {} (--secrets takes it along)", shown.display());
+        } else if !is_below(Path::new(name)) {
+            say_beside!(
+                "left out, because it does not lie beside the profile: {}; copy it yourself",
+                shown.display()
+            );
+        } else {
+            let bytes = regular::read(&shown, LARGEST)
+                .with_context(|| format!("{} cannot be read", shown.display()))?;
+            let mode = if secrets.contains(name) { SECRET_MODE } else { MODE };
+            files.push((format!("{PROFILE}/{name}"), mode, bytes));
+        }
+    }
+    let kept = gateway::backup::take(&directory, &profile.name).map_err(anyhow::Error::msg)?;
+    if kept.is_empty() {
+        say_beside!("there is no state of {} in {}: the backup has none", profile.name, directory.display());
+    }
+    files.extend(kept.into_iter().map(|(name, bytes)| (format!("{STATE}/{name}"), MODE, bytes)));
+    let mut now = Vec::new();
+    time::write(&mut now, Clock::wall().time_of_day());
+    let manifest = Manifest {
+        form: FORM,
+        program: env!("CARGO_PKG_VERSION").to_owned(),
+        machine: profile.name.clone(),
+        time: String::from_utf8(now)?,
+        secrets: arguments.secrets && files.iter().any(|(_, mode, _)| *mode == SECRET_MODE),
+        profile: name.to_owned(),
+        state_directory: profile.history.directory.clone(),
+        files: files.iter().map(entry).collect(),
+    };
+    let archive = archive(&manifest, &files)?;
+    let size = archive.len() as u64;
+    anyhow::ensure!(
+        size <= LARGEST,
+        "the backup would be larger than {} MB, and could not be restored",
+        LARGEST >> 20
+    );
+    let mode = if manifest.secrets { SECRET_MODE } else { MODE };
+    write_new(file, &archive, mode).with_context(|| format!("{} cannot be written", file.display()))?;
+    let secret = if manifest.secrets { ", tokens and keys among them" } else { "" };
+    Ok(say!("{}: {} files of {}{secret}", file.display(), files.len(), profile.name)?)
+}
+
+fn entry((path, mode, bytes): &(String, u32, Vec<u8>)) -> Entry {
+    Entry { path: path.clone(), mode: *mode, bytes: bytes.len() as u64, sha256: sha256(bytes) }
+}
+
+fn archive(manifest: &Manifest, files: &[(String, u32, Vec<u8>)]) -> anyhow::Result<Vec<u8>> {
+    let mut archive = tar::Builder::new(Vec::new());
+    let manifest = serde_json::to_vec_pretty(manifest)?;
+    let first = (MANIFEST, MODE, manifest.as_slice());
+    let rest = files.iter().map(|(path, mode, bytes)| (path.as_str(), *mode, bytes.as_slice()));
+    for (path, mode, bytes) in std::iter::once(first).chain(rest) {
+        let mut header = tar::Header::new_ustar();
+        header
+            .set_path(path)
+            .with_context(|| format!("{path} is too long a name for an archive: shorten it"))?;
+        header.set_size(bytes.len() as u64);
+        header.set_mode(mode);
+        header.set_cksum();
+        archive.append(&header, bytes)?;
+    }
+    Ok(archive.into_inner()?)
+}
+
+/// The tokens and private keys that a profile names, as it names them.
+fn secrets(profile: &Profile, beside: &Path) -> BTreeSet<String> {
+    let web = profile.web.as_ref();
+    let tokens = web.into_iter().flat_map(|web| [&web.token_file, &web.viewer_token_file]).flatten();
+    let key = web.and_then(|web| web.tls.as_ref()).map(|tls| &tls.key);
+    let mut secrets: BTreeSet<String> = tokens.chain(key).map(|path| name_in(path, beside)).collect();
+    let lines = profile.buses.iter().filter_map(|bus| bus.tls.as_ref());
+    secrets.extend(lines.map(|tls| tls.key.name.clone()));
+    secrets
+}
+
+/// The page's certificate, which is read when it is served.
+fn certificate(profile: &Profile, beside: &Path) -> Option<String> {
+    let tls = profile.web.as_ref()?.tls.as_ref()?;
+    Some(name_in(&tls.cert, beside))
+}
+
+fn name_in(path: &Path, beside: &Path) -> String {
+    path.strip_prefix(beside).unwrap_or(path).display().to_string()
+}
+
+/// A name that leads nowhere but below the directory it is joined to.
+pub(super) fn is_below(path: &Path) -> bool {
+    path.components().next().is_some() && path.components().all(|part| matches!(part, Component::Normal(_)))
+}
+
+/// Writes a file that is not there yet: it is on disk when this returns.
+pub(super) fn write_new(path: &Path, bytes: &[u8], mode: u32) -> std::io::Result<()> {
+    let mut file = std::fs::OpenOptions::new().write(true).create_new(true).mode(mode).open(path)?;
+    file.set_permissions(std::fs::Permissions::from_mode(mode))?;
+    file.write_all(bytes)?;
+    file.sync_all()
+}

@@ -1,0 +1,207 @@
+//! `isotherm restore`: a machine out of the file that `backup` wrote. Nobody knows who had that file: it is read strictly, wholly,
+//! and before anything is written.
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail, ensure};
+
+use super::backup::{Entry, FORM, LARGEST, MANIFEST, Manifest, PROFILE, STATE, is_below, write_new};
+use super::run::known_directory;
+use crate::cli::say::say;
+use crate::gateway;
+use crate::gateway::control::{self, Presence};
+use crate::gateway::make_directory;
+use isotherm_core::quantity::{Moment, time};
+use isotherm_profile::{one_line, regular, sha256};
+
+/// A list of files is no larger than this, in bytes, and no longer.
+const LARGEST_MANIFEST: u64 = 1024 * 1024;
+const MOST_FILES: usize = 4096;
+
+/// Puts a backup back: the profile and its files into a directory, state and ledger into the state directory.
+///
+/// All is checked before anything is written. What is there and newer is not replaced, nor is anything where the gateway of the
+/// machine runs. What was written to the registers since the backup is not known: every axis is off until a person arms it.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Example:\n  isotherm restore my-machine.tar --to /etc/isotherm --state /var/lib/isotherm"
+)]
+pub(super) struct Arguments {
+    /// What `isotherm backup` wrote
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Where the profile and its files go
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    to: PathBuf,
+    /// Where state and ledger go; else where the platform keeps such things
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
+}
+
+/// A file to be written.
+struct Planned {
+    path: PathBuf,
+    mode: u32,
+    bytes: Vec<u8>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let shown = arguments.file.display();
+    let bytes = regular::read(&arguments.file, LARGEST).with_context(|| format!("{shown} cannot be read"))?;
+    let (manifest, files) = read(&bytes).with_context(|| format!("{shown} is not restored"))?;
+    let Manifest { machine, .. } = &manifest;
+    if let (None, Some(directory)) = (&arguments.state, &manifest.state_directory) {
+        let directory = one_line(&directory.display().to_string()).into_owned();
+        bail!("the profile keeps its state in {directory}: say --state {directory}, if that is right here");
+    }
+    let directory = known_directory(arguments.state.as_deref());
+    refuse_beside_a_gateway(&directory, machine)?;
+    let taken = manifest.time.as_str();
+    let at = time::parse(taken).map_err(anyhow::Error::msg)?;
+    let mut planned = Vec::new();
+    let mut kept = Vec::new();
+    for (entry, bytes) in manifest.files.iter().zip(files) {
+        match entry.path.split_once('/') {
+            Some((STATE, name)) => kept.push((name.to_owned(), bytes)),
+            Some((_, name)) => {
+                let path = arguments.to.join(name);
+                if is_to_be_written(&arguments.to, name, &bytes, at)? {
+                    planned.push(Planned { path, mode: entry.mode, bytes });
+                }
+            }
+            None => {}
+        }
+    }
+    let kept = gateway::backup::put_back(&directory, machine, &kept).map_err(anyhow::Error::msg)?;
+    planned.extend(kept.into_iter().map(|(name, bytes)| Planned {
+        path: directory.join(name),
+        mode: 0o640,
+        bytes,
+    }));
+    for file in &planned {
+        put(file).with_context(|| format!("{} cannot be written", file.path.display()))?;
+    }
+    let profile = arguments.to.join(&manifest.profile);
+    let profile = profile.display();
+    Ok(say!(
+        "{machine} as it was at {taken}: {} files written, state in {}. What was written to its registers since is not known, so \
+         every axis is off until a person arms it.\nGo on with: isotherm check {profile}",
+        planned.len(),
+        directory.display()
+    )?)
+}
+
+/// The list of an archive and the bytes of each file in it.
+fn read(bytes: &[u8]) -> anyhow::Result<(Manifest, Vec<Vec<u8>>)> {
+    let mut archive = tar::Archive::new(bytes);
+    // Raw: an entry that only says something of the next one (a long name, a size, holes) is no plain file.
+    let mut entries = archive.entries().context("it is no backup")?.raw(true);
+    let first = entries.next().context("it is empty")?;
+    let text = plain(first, MANIFEST, LARGEST_MANIFEST).context("it is no backup of isotherm")?;
+    let manifest: Manifest = serde_json::from_slice(&text).map_err(|error| {
+        anyhow::anyhow!("its {MANIFEST} is not one of this program: {}", one_line(&error.to_string()))
+    })?;
+    ensure!(
+        manifest.form == FORM,
+        "it has the form {}, and this program knows {FORM}: restore it with the version that wrote it",
+        manifest.form
+    );
+    check(&manifest)?;
+    let mut files = Vec::new();
+    for Entry { path, bytes, sha256: sealed, .. } in &manifest.files {
+        let next = entries.next().with_context(|| format!("it ends before {path}"))?;
+        let found = plain(next, path, LARGEST)?;
+        ensure!(
+            found.len() as u64 == *bytes && sha256(&found) == *sealed,
+            "{path} was changed, or damaged, since the backup was made: its SHA-256 does not fit"
+        );
+        files.push(found);
+    }
+    ensure!(entries.next().is_none(), "there is more in it than its list says");
+    Ok((manifest, files))
+}
+
+/// The bytes of a plain file of this name.
+fn plain(entry: std::io::Result<tar::Entry<'_, &[u8]>>, name: &str, largest: u64) -> anyhow::Result<Vec<u8>> {
+    let entry = entry.map_err(|error| anyhow::anyhow!("it is damaged: {}", one_line(&error.to_string())))?;
+    ensure!(
+        entry.header().entry_type() == tar::EntryType::Regular && *entry.path_bytes() == *name.as_bytes(),
+        "where {name} must follow there is something else, as a link, a device or another name"
+    );
+    ensure!(entry.size() <= largest, "{name} is larger than {} MB", largest >> 20);
+    let size = entry.size();
+    let mut bytes = Vec::new();
+    entry.take(size).read_to_end(&mut bytes)?;
+    ensure!(bytes.len() as u64 == size, "it ends within {name}");
+    Ok(bytes)
+}
+
+/// Nothing in a list leads anywhere but where it is to go.
+fn check(manifest: &Manifest) -> anyhow::Result<()> {
+    ensure!(manifest.files.len() <= MOST_FILES, "its list is longer than {MOST_FILES} files");
+    let is_plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
+    let machine = &manifest.machine;
+    ensure!(!machine.is_empty() && machine.bytes().all(is_plain), "its machine has no name of a machine");
+    let mut known = std::collections::BTreeSet::new();
+    for Entry { path, mode, .. } in &manifest.files {
+        let shown = one_line(path);
+        let (room, name) = path.split_once('/').unwrap_or_default();
+        let is_clean = !path.chars().any(char::is_control) && !path.contains("//") && !path.contains("/./");
+        ensure!(
+            [PROFILE, STATE].contains(&room) && is_clean && is_below(Path::new(name)) && !name.ends_with('/'),
+            "{shown} in it would lie outside of the profile's and the state's directory"
+        );
+        ensure!(room != STATE || !name.contains('/'), "{shown} is no file of a state directory");
+        ensure!([0o600, 0o640].contains(mode), "{shown} in it has a mode that no backup gives");
+        ensure!(known.insert(path), "{shown} is in it twice");
+    }
+    let profile = format!("{PROFILE}/{}", manifest.profile);
+    ensure!(known.contains(&profile), "the profile {} is not in it", one_line(&manifest.profile));
+    Ok(())
+}
+
+fn refuse_beside_a_gateway(directory: &Path, machine: &str) -> anyhow::Result<()> {
+    let own = control::path(directory, machine);
+    let is_there = control::presence(&own) != Presence::Nobody || !control::listening(machine).is_empty();
+    ensure!(
+        !is_there,
+        "the gateway of {machine} runs on this computer: stop it before its files are replaced"
+    );
+    Ok(())
+}
+
+/// Whether what is there is older, and no link leads elsewhere; not where it is the same already.
+fn is_to_be_written(to: &Path, name: &str, bytes: &[u8], taken: Moment) -> anyhow::Result<bool> {
+    let mut path = to.to_owned();
+    for part in Path::new(name).components() {
+        path.push(part);
+        let is_link = path.symlink_metadata().is_ok_and(|found| found.is_symlink());
+        ensure!(!is_link, "{} is a link, and nothing is written through one: take it away", path.display());
+    }
+    let Ok(found) = path.metadata() else { return Ok(true) };
+    if regular::read(&path, LARGEST).with_context(|| format!("{} is in the way", path.display()))? == bytes {
+        return Ok(false);
+    }
+    let since_the_epoch = found.modified()?.duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+    ensure!(
+        Moment::default().after(since_the_epoch) <= taken,
+        "{} is newer than the backup: restore into another directory (--to DIR), or move it away",
+        path.display()
+    );
+    Ok(true)
+}
+
+/// Puts a file there as a whole.
+fn put(file: &Planned) -> anyhow::Result<()> {
+    if let Some(directory) = file.path.parent().filter(|directory| !directory.as_os_str().is_empty()) {
+        make_directory(directory)?;
+    }
+    let new = file.path.with_added_extension("restored");
+    let _ = std::fs::remove_file(&new);
+    write_new(&new, &file.bytes, file.mode)?;
+    Ok(std::fs::rename(&new, &file.path)?)
+}
+
+#[cfg(test)]
+mod tests;

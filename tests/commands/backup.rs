@@ -1,0 +1,146 @@
+//! A machine is put into one file while its gateway runs, and put back: elsewhere, and never over what is newer.
+
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+use crate::bench::Bench;
+use crate::process::{Running, isotherm, until};
+
+fn said(command: &mut Command) -> (i32, String) {
+    let output = command.output().unwrap();
+    let said = [output.stdout, output.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
+    (output.status.code().unwrap(), said)
+}
+
+fn restore(bench: &Bench, file: &Path, to: &Path, state: &Path) -> (i32, String) {
+    let mut command = isotherm(bench.home.path());
+    said(command.arg("restore").arg(file).arg("--to").arg(to).arg("--state").arg(state))
+}
+
+fn backup(bench: &Bench, name: &str, options: &[&str]) -> std::path::PathBuf {
+    let file = bench.home.path().join(name);
+    let words = [&["backup", file.to_str().unwrap()], options].concat();
+    let (code, said) = bench.ask(&words);
+    assert_eq!(code, 0, "{said}");
+    file
+}
+
+fn stop(bench: &mut Bench) {
+    bench.gateway.signal("TERM");
+    bench.gateway.ends_within(Duration::from_secs(20));
+}
+
+#[test]
+fn a_backup_of_a_running_gateway_goes_on_elsewhere_and_moves_nothing_before_a_person_arms() {
+    let mut bench = Bench::of(|text| text);
+    until("the axis is armed", || match bench.axis()["state"].as_str() {
+        Some("active") => Ok(()),
+        other => Err(format!("{other:?}")),
+    });
+    until("the state is kept", || match bench.home.path().join("state/walker.state.json").exists() {
+        true => Ok(()),
+        false => Err("no state yet".to_owned()),
+    });
+    let file = backup(&bench, "walker.tar", &[]);
+    let elsewhere = bench.home.path().join("elsewhere");
+    let (code, said_beside) = restore(&bench, &file, &elsewhere, &elsewhere.join("state"));
+    assert!(
+        code == 1 && said_beside.contains("the gateway of walker runs on this computer: stop it"),
+        "{said_beside}"
+    );
+    assert!(!elsewhere.exists());
+
+    stop(&mut bench);
+    let (code, told) = restore(&bench, &file, &elsewhere, &elsewhere.join("state"));
+    assert!(code == 0 && told.contains("every axis is off until a person arms it"), "{told}");
+    let same = |name: &str| std::fs::read(elsewhere.join(name)).unwrap();
+    assert_eq!(same("walker.toml"), std::fs::read(&bench.profile).unwrap());
+
+    let mut next = isotherm(bench.home.path());
+    next.arg("run").arg(elsewhere.join("walker.toml")).arg("--state").arg(elsewhere.join("state"));
+    let mut gateway = Running::start(next.args(["--listen", "127.0.0.1:0"]));
+    gateway.hears("http://");
+    let status = || {
+        let mut command = isotherm(bench.home.path());
+        command.arg("status").arg(elsewhere.join("walker.toml")).arg("--json");
+        said(command.arg("--state").arg(elsewhere.join("state")))
+    };
+    until("it says why it is off", || match status() {
+        (0, text) if text.contains("was put back from a backup") => Ok(()),
+        (_, text) => Err(text),
+    });
+    gateway.signal("TERM");
+    gateway.ends_within(Duration::from_secs(20));
+}
+
+#[test]
+fn a_restore_over_a_newer_state_or_a_newer_profile_is_refused_and_nothing_is_written() {
+    let mut bench = Bench::of(|text| text);
+    until("the state is kept", || match bench.home.path().join("state/walker.state.json").exists() {
+        true => Ok(()),
+        false => Err("no state yet".to_owned()),
+    });
+    let file = backup(&bench, "walker.tar", &[]);
+    stop(&mut bench);
+    let state = bench.home.path().join("state");
+    let (code, told) = restore(&bench, &file, bench.home.path(), &state);
+    assert!(code == 1 && told.contains("newer"), "{told}");
+
+    // The documents are gone, and the logs still know of later ones.
+    for name in ["walker.state.json", "walker.ledger.json"] {
+        let _ = std::fs::remove_file(state.join(name));
+    }
+    let (_, told) = restore(&bench, &file, bench.home.path(), &state);
+    assert!(told.contains("know of a newer") || told.contains("files written"), "{told}");
+
+    let text = std::fs::read_to_string(&bench.profile).unwrap();
+    std::thread::sleep(Duration::from_millis(20));
+    std::fs::write(&bench.profile, format!("{text}# changed since\n")).unwrap();
+    let empty = bench.home.path().join("empty");
+    let (code, told) = restore(&bench, &file, bench.home.path(), &empty);
+    assert!(code == 1 && told.contains("walker.toml is newer than the backup"), "{told}");
+    assert!(!empty.exists() && std::fs::read_to_string(&bench.profile).unwrap().contains("changed since"));
+}
+
+#[test]
+fn a_token_is_in_a_backup_only_with_secrets_and_then_nobody_else_may_read_it() {
+    let mut bench = Bench::of(|text| text);
+    stop(&mut bench);
+    let token = bench.home.path().join("operator.token");
+    let (code, told) = said(isotherm(bench.home.path()).args(["token", "--out"]).arg(&token));
+    assert_eq!(code, 0, "{told}");
+    let text = std::fs::read_to_string(&bench.profile).unwrap();
+    let text = text.replace("commands = \"local\"", "token_file = \"operator.token\"");
+    std::fs::write(&bench.profile, text).unwrap();
+    let secret = std::fs::read(&token).unwrap();
+    let holds = |file: &Path| std::fs::read(file).unwrap().windows(secret.len()).any(|part| part == secret);
+    let mode = |file: &Path| std::fs::metadata(file).unwrap().permissions().mode() & 0o777;
+
+    let without = backup(&bench, "without.tar", &[]);
+    assert!(!holds(&without));
+    let with = backup(&bench, "with.tar", &["--secrets"]);
+    assert!(holds(&with));
+    assert_eq!((mode(&without), mode(&with)), (0o640, 0o600));
+
+    let elsewhere = bench.home.path().join("elsewhere");
+    let (code, told) = restore(&bench, &with, &elsewhere, &elsewhere.join("state"));
+    assert_eq!(code, 0, "{told}");
+    assert_eq!(mode(&elsewhere.join("operator.token")), 0o600);
+    let (code, told) = bench.ask(&["backup", with.to_str().unwrap()]);
+    assert!(code == 1 && told.contains("cannot be written"), "one that is there is not touched: {told}");
+}
+
+#[test]
+fn nothing_is_restored_through_a_link() {
+    let mut bench = Bench::of(|text| text);
+    let file = backup(&bench, "walker.tar", &[]);
+    stop(&mut bench);
+    let elsewhere = bench.home.path().join("elsewhere");
+    std::fs::create_dir(&elsewhere).unwrap();
+    std::os::unix::fs::symlink(bench.home.path().join("victim"), elsewhere.join("walker.toml")).unwrap();
+    let (code, told) = restore(&bench, &file, &elsewhere, &elsewhere.join("state"));
+    assert!(code == 1 && told.contains("is a link"), "{told}");
+    assert!(!bench.home.path().join("victim").exists());
+}
