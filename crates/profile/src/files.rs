@@ -1,9 +1,9 @@
 //! Where the files that a profile names are: beside it, or, for one that is part of the program, in the program.
 
-use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 use crate::regular;
 
@@ -14,7 +14,7 @@ const OF_OTHERS: u32 = 0o006;
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Files<'a> {
     /// Relative to this directory; and the names of those that were read.
-    Beside(&'a Path, &'a RefCell<BTreeSet<String>>),
+    Beside(&'a Path, &'a Mutex<BTreeSet<String>>),
     /// By name.
     Inside(&'a [(&'a str, &'a [u8])]),
 }
@@ -77,7 +77,7 @@ impl Files<'_> {
     fn bytes(&self, name: &str, largest: u64) -> Result<Vec<u8>, String> {
         match self {
             Files::Beside(directory, read) => {
-                read.borrow_mut().insert(name.to_owned());
+                read.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_owned());
                 let path = directory.join(name);
                 regular::read(&path, largest).map_err(|why| {
                     format!(

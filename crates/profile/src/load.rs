@@ -1,8 +1,8 @@
 //! From layers of text to a [`Profile`], or to every error at once.
 
-use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -59,12 +59,12 @@ pub fn load(
         Err(why) if why.kind() == std::io::ErrorKind::NotFound => {}
         Err(why) => return Err(Errors(vec![unreadable(&local.display().to_string(), &why)])),
     }
-    let read = RefCell::new(BTreeSet::new());
+    let read = Mutex::new(BTreeSet::new());
     let beside = Files::Beside(path.parent().unwrap_or(Path::new("")), &read);
     let mut loaded = layered(&files, &beside, settings, environment)?;
     let layers = files.iter().filter_map(|(path, _)| path.file_name());
     loaded.files = layers.map(|name| name.to_string_lossy().into_owned()).collect();
-    loaded.files.extend(read.into_inner());
+    loaded.files.extend(read.into_inner().unwrap_or_else(PoisonError::into_inner));
     Ok(loaded)
 }
 
