@@ -127,6 +127,24 @@ async fn patience_ends_also_with_a_future_that_is_ready_again_and_again() {
     assert!(Patience::new().within(Duration::from_millis(20), both).await.is_none());
 }
 
+#[tokio::test(start_paused = true)]
+async fn the_timer_of_a_question_that_was_answered_wakes_nobody_who_rests() {
+    const MILLI: Duration = Duration::from_millis(1);
+    let mut patience = Patience::new();
+    assert!(patience.within(90 * MILLI, tokio::time::sleep(5 * MILLI)).await.is_some());
+    patience.put_off((95 + 90) * MILLI);
+    let mut wakes = 0;
+    let mut rest = Box::pin(tokio::time::sleep(95 * MILLI));
+    std::future::poll_fn(|context| {
+        wakes += 1;
+        rest.as_mut().poll(context)
+    })
+    .await;
+    assert_eq!(wakes, 2, "once to begin, once at its end");
+    let given_up = patience.within(90 * MILLI, std::future::pending::<()>());
+    assert_eq!(tokio::time::timeout(92 * MILLI, given_up).await, Ok(None));
+}
+
 /// Wakes a sleeper for every message, on a thread of its own, until an empty one comes.
 async fn hear_and_ring(reader: tokio::net::UnixDatagram, inlet: Inlet, wakeup: Wakeup) {
     while reader.readable().await.is_ok() {
