@@ -52,9 +52,16 @@ def process():
     return int(shown("MainPID")["MainPID"])
 
 
+def ended_by_itself():
+    """It has been stopped, at zero, and was not killed."""
+    said = journal(6)
+    assert device.offset == 0, device.offset
+    assert "Deactivated successfully" in said and not re.search("timed out|SIGKILL|Killing|Failed", said), said
+
+
 def profile(**changes):
     """The profile of the machine, with some of its values changed."""
-    values = {"rate": 10.0, "step": 1.0, "share": "whole", "address": f"10.0.2.2:{device.port}", **changes}
+    values = {"rate": 20.0, "step": 5.0, "share": "whole", "address": f"10.0.2.2:{device.port}", **changes}
     with open(os.path.join(HERE, "walker.toml")) as text:
         whole = text.read()
     for name, value in values.items():
@@ -122,9 +129,7 @@ def a_stop_at_40_um_ends_at_zero_and_is_no_kill():
     begun = time.monotonic()
     computer.does(f"systemctl stop {UNIT}")
     took = time.monotonic() - begun
-    found = shown("Result", "ExecMainCode", "ExecMainStatus")
-    assert device.offset == 0, device.offset
-    assert (found["Result"], found["ExecMainCode"], found["ExecMainStatus"]) == ("success", "1", "0"), found
+    ended_by_itself()
     return f"{took:.1f} s"
 
 
@@ -133,14 +138,13 @@ def a_stop_that_takes_longer_than_systemd_waits_by_itself_ends_at_zero_and_is_no
     begin()
     profile(rate=0.3)
     computer.does(f"systemctl reload {UNIT}")
+    assert shown("TimeoutStopUSec")["TimeoutStopUSec"] == "1min 30s"
     begun = time.monotonic()
     computer.does(f"systemctl stop {UNIT}")
     took = time.monotonic() - begun
-    found = shown("Result", "ExecMainCode", "ExecMainStatus", "TimeoutStopUSec")
-    assert device.offset == 0, device.offset
-    assert (found["Result"], found["ExecMainCode"], found["ExecMainStatus"]) == ("success", "1", "0"), found
-    assert took > 100 and found["TimeoutStopUSec"] == "1min 30s", (took, found)
-    return f"{took:.1f} s, with TimeoutStopSec={found['TimeoutStopUSec']}"
+    ended_by_itself()
+    assert took > 100, took
+    return f"{took:.1f} s, and TimeoutStopSec is 90"
 
 
 @check
@@ -229,6 +233,7 @@ def a_removal_stops_it_at_zero_and_leaves_what_people_made():
     begin()
     said = computer.does("dpkg --remove isotherm")
     assert device.offset == 0, device.offset
+    ended_by_itself()
     computer.does(f"test -e {PROFILE} && test -e {STATE}/walker.state.json && ! test -e /usr/bin/isotherm")
     computer.does("dpkg -i /mnt/isotherm.deb")
     return said.splitlines()[-1]
@@ -237,11 +242,13 @@ def a_removal_stops_it_at_zero_and_leaves_what_people_made():
 @check
 def a_power_cut_loses_no_share_and_at_most_10_s_of_the_log():
     computer.tries(f"systemctl stop {UNIT}; rm -rf {STATE}/*")
-    profile(rate=20.0, share="ledger")
+    profile(step=1.0, share="ledger")
     computer.does(f"systemctl enable {UNIT}")
     base, chance, lost, boots = 500, random.Random(SEED), [], []
     device.registers[10] = base
     computer.does(f"systemctl start {UNIT}")
+    # Who begins to share a register says that what stands in it is his.
+    computer.does(f"isotherm arm {PROFILE} --state {STATE}")
     walks_to(400, base)
     target = 400
     for cut in range(1, CUTS + 1):
