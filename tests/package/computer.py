@@ -21,7 +21,7 @@ class Computer:
         self.command = [
             "qemu-system-x86_64", "-machine", "pc", "-accel", os.environ.get("TEST_ACCEL", "tcg"), "-cpu", "Nehalem", "-m", "768", "-nodefaults",
             "-display", "none", "-no-reboot", "-kernel", kernel, "-initrd", initrd,
-            "-append", "root=/dev/vda rw console=ttyS0 mitigations=off module_blacklist=kvm,kvm_amd,kvm_intel,drm,floppy,psmouse",
+            "-append", "root=/dev/vda rw console=ttyS0 mitigations=off net.ifnames=0 module_blacklist=kvm,kvm_amd,kvm_intel,drm,floppy,psmouse",
             "-serial", f"file:{self.console}", "-device", "virtio-rng-pci",
             "-drive", f"file={disk},if=virtio,format=raw,cache=writeback", "-drive", f"file={parcel},if=virtio,format=raw,readonly=on",
             "-netdev", "user,id=wire,restrict=off", "-device", "virtio-net-pci,netdev=wire",

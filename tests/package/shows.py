@@ -242,7 +242,7 @@ def a_removal_stops_it_at_zero_and_leaves_what_people_made():
 @check
 def a_power_cut_loses_no_share_and_at_most_10_s_of_the_log():
     computer.tries(f"systemctl stop {UNIT}; rm -rf {STATE}/*")
-    profile(step=1.0, share="ledger")
+    profile(share="ledger")
     computer.does(f"systemctl enable {UNIT}")
     base, chance, lost, boots = 500, random.Random(SEED), [], []
     device.registers[10] = base
@@ -265,7 +265,7 @@ def a_power_cut_loses_no_share_and_at_most_10_s_of_the_log():
         time.sleep(1)
         assert device.offset == base + target, (device.offset, base, target)
         steps = [after - before for _, before, after in device.moves()]
-        assert all(abs(step) <= 10 for step in steps), steps
+        assert all(abs(step) <= 50 for step in steps), steps
         last = float(computer.does(
             f"cat {STATE}/walker-*[0-9].csv | cut -d, -f1 | grep -v '[a-z]' | while read -r time; do date -d \"$time\" +%s.%N; done"
             f" | awk '$1 < {at + 1} && $1 > last {{ last = $1 }} END {{ printf \"%.3f\", last }}'"))
