@@ -243,3 +243,14 @@ fn a_variable_that_only_looks_like_ours_is_a_warning_and_one_warning_for_all_of_
     assert!(only.contains("ISOTHERM__BUS__CELL__ADDRESS") && !only.contains("debug"), "{only}");
     assert_eq!(layered(&[("ISOTHERM_LOG", "debug")], &[]).unwrap().warnings, []);
 }
+
+#[test]
+fn a_large_profile_is_read_as_a_small_one_and_its_mistakes_have_their_lines() {
+    let large = format!("{GRINDER}\n{}", "# what is said of the machine\n".repeat(10_000));
+    let read = |text: &str| isotherm_profile::parse(Path::new("machine.toml"), text, &[], &[]);
+    assert_eq!(read(&large).unwrap(), read(GRINDER).unwrap());
+    let wrong = large + "[bus.other]\ntype = \"telepathy\"\n";
+    let line = wrong.lines().count();
+    let errors = read(&wrong).unwrap_err();
+    assert!(errors.0.iter().any(|error| error.line == Some(line)), "{errors}");
+}
