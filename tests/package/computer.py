@@ -1,4 +1,5 @@
-"""A computer that is emulated by qemu, without KVM unless TEST_ACCEL=kvm says otherwise; its agent carries out commands, and its power can be cut."""
+"""A computer that is emulated by qemu, without KVM unless TEST_ACCEL=kvm says otherwise. Its agent carries out commands, and its power
+can be cut."""
 
 import base64
 import os
@@ -19,9 +20,9 @@ class Computer:
         self.way = os.path.join(directory, "agent.sock")
         self.console = os.path.join(directory, "console")
         self.command = [
-            "qemu-system-x86_64", "-machine", "pc", "-accel", os.environ.get("TEST_ACCEL", "tcg"), "-cpu", "Nehalem", "-m", "768", "-nodefaults",
-            "-display", "none", "-no-reboot", "-kernel", kernel, "-initrd", initrd,
-            "-append", "root=/dev/vda rw console=ttyS0 mitigations=off net.ifnames=0 module_blacklist=kvm,kvm_amd,kvm_intel,drm,floppy,psmouse",
+            "qemu-system-x86_64", "-machine", "pc", "-accel", os.environ.get("TEST_ACCEL", "tcg"), "-cpu", "Nehalem", "-m", "768",
+            "-nodefaults", "-display", "none", "-no-reboot", "-kernel", kernel, "-initrd", initrd,
+            "-append", "root=/dev/vda rw console=ttyS0 mitigations=off net.ifnames=0 module_blacklist=kvm,kvm_amd,kvm_intel,drm,floppy",
             "-serial", f"file:{self.console}", "-device", "virtio-rng-pci",
             "-drive", f"file={disk},if=virtio,format=raw,cache=writeback", "-drive", f"file={parcel},if=virtio,format=raw,readonly=on",
             "-netdev", "user,id=wire,restrict=off", "-device", "virtio-net-pci,netdev=wire",
@@ -84,7 +85,8 @@ class Computer:
 
     def is_cut_off(self):
         """As when its power fails: what it has not asked its disk to keep is gone."""
-        self.process.kill()
-        self.process.wait()
-        self.socket.close()
-        self.process = None
+        if self.process is not None:
+            self.process.kill()
+            self.process.wait()
+            self.socket.close()
+            self.process = None
