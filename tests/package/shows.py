@@ -283,7 +283,8 @@ def main():
     atexit.register(computer.is_cut_off)
     wanted = sys.argv[2:]
     failed = 0
-    print(f"booted in {computer.boot():.0f} s: " + computer.does("systemctl --version | head -n 1; uname -r").replace("\n", ", "), flush=True)
+    took = computer.boot()
+    print(f"booted in {took:.0f} s: " + computer.does("systemctl --version | head -n 1; uname -r").replace("\n", ", "), flush=True)
     computer.does("mount -o ro /dev/vdb /mnt")
     for show in CHECKS:
         name = show.__name__.replace("_", " ")
