@@ -226,7 +226,7 @@ def a_downgrade_meets_a_newer_state_with_words():
 
 
 def running():
-    return json.loads(computer.does(f"isotherm status {PROFILE} --state {STATE} --json"))["version"]
+    return json.loads(computer.does(f"isotherm status --state {STATE} --json"))["version"]
 
 
 @check
