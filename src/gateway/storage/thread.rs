@@ -165,6 +165,11 @@ impl StorageThread {
             }
             Job::State { at, memory } => {
                 self.look_for_logs(at);
+                for (what, done) in
+                    [("the log", self.log.sync()), ("the log of the outputs", self.outputs.sync())]
+                {
+                    self.report(at, what, done);
+                }
                 let done = self.state.save(&memory);
                 if done.is_ok() {
                     self.name_numbers(at);
@@ -287,6 +292,11 @@ impl DayFile {
         let Some(file) = self.file.take_if(|file| !file.is_there()) else { return Ok(()) };
         let text = format!("{} was removed", file.path.display());
         Err(std::io::Error::new(ErrorKind::NotFound, text))
+    }
+
+    /// What a power cut would take lies on the disk then.
+    fn sync(&self) -> std::io::Result<()> {
+        self.file.as_ref().map_or(Ok(()), |rows| rows.file.sync_data())
     }
 
     fn file_of(&mut self, stamp: Moment, stamped: Stamped) -> std::io::Result<&mut WholeRows> {
