@@ -1,4 +1,4 @@
-"""A computer that is emulated by qemu, without KVM unless TEST_ACCEL=kvm says otherwise. Its agent carries out commands, and its power
+"""A computer that is emulated by qemu, without KVM unless TEST_ACCEL=kvm says otherwise. Its steward carries out commands, and its power
 can be cut."""
 
 import base64
@@ -17,7 +17,7 @@ PATIENCE = 600
 class Computer:
     def __init__(self, directory, kernel, initrd, disk, parcel):
         self.directory, self.process = directory, None
-        self.way = os.path.join(directory, "agent.sock")
+        self.way = os.path.join(directory, "steward.sock")
         self.console = os.path.join(directory, "console")
         self.command = [
             "qemu-system-x86_64", "-machine", "pc", "-accel", os.environ.get("TEST_ACCEL", "tcg"), "-cpu", "Nehalem", "-m", "768",
@@ -26,12 +26,12 @@ class Computer:
             "-serial", f"file:{self.console}", "-device", "virtio-rng-pci",
             "-drive", f"file={disk},if=virtio,format=raw,cache=writeback", "-drive", f"file={parcel},if=virtio,format=raw,readonly=on",
             "-netdev", "user,id=wire,restrict=off", "-device", "virtio-net-pci,netdev=wire",
-            "-device", "virtio-serial-pci", "-chardev", f"socket,id=agent,path={self.way},server=on,wait=off",
-            "-device", "virtserialport,chardev=agent,name=agent",
+            "-device", "virtio-serial-pci", "-chardev", f"socket,id=steward,path={self.way},server=on,wait=off",
+            "-device", "virtserialport,chardev=steward,name=steward",
         ]
 
     def boot(self):
-        """Switches it on; returns once its agent answers."""
+        """Switches it on; returns once its steward answers."""
         begun = time.monotonic()
         if os.path.exists(self.console):
             shutil.move(self.console, self.console + ".before")
