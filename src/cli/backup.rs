@@ -1,7 +1,7 @@
 //! `isotherm backup`: what belongs to a machine in one file. `restore` is the way back.
 
 use std::collections::BTreeSet;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::{Component, Path, PathBuf};
 
@@ -138,9 +138,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         LARGEST >> 20
     );
     let mode = if manifest.secrets { SECRET_MODE } else { MODE };
-    write_new(file, &archive, mode).with_context(|| format!("{} cannot be written", file.display()))?;
+    write_new(file, &archive, mode).map_err(|error| match error.kind() {
+        ErrorKind::AlreadyExists => anyhow::anyhow!("{} is there already: give another name", file.display()),
+        _ => anyhow::Error::new(error).context(format!("{} cannot be written", file.display())),
+    })?;
     let secret = if manifest.secrets { ", tokens and keys among them" } else { "" };
-    Ok(say!("{}: {} files of {}{secret}", file.display(), files.len(), profile.name)?)
+    Ok(say!("{}: files of {}: {}{secret}", file.display(), profile.name, files.len())?)
 }
 
 fn entry((path, mode, bytes): &(String, u32, Vec<u8>)) -> Entry {
