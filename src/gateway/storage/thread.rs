@@ -165,10 +165,13 @@ impl StorageThread {
             }
             Job::State { at, memory } => {
                 self.look_for_logs(at);
+                // That one was put on the disk says nothing where rows are not taken.
                 for (what, done) in
                     [("the log", self.log.sync()), ("the log of the outputs", self.outputs.sync())]
                 {
-                    self.report(at, what, done);
+                    if done.is_err() {
+                        self.report(at, what, done);
+                    }
                 }
                 let done = self.state.save(&memory);
                 if done.is_ok() {
