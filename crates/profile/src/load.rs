@@ -150,7 +150,7 @@ fn local_beside(path: &Path) -> PathBuf {
     path.with_extension("local.toml")
 }
 
-/// Reading a large machine takes five times the memory of what comes out of it, and glibc gives that back only where nothing
+/// Reading a large machine takes many times the memory of what comes out of it, and glibc gives that back only where nothing
 /// that is kept lies between. So it is read in a thread, whose memory is its own, and copied from there.
 fn layered(
     layers: &[(PathBuf, String)],
