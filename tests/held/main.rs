@@ -16,3 +16,4 @@ mod denied;
 mod rig;
 mod shared;
 mod stopped;
+mod two;

@@ -8,5 +8,6 @@ mod rig;
 mod rows;
 mod search;
 mod searched;
+mod second;
 mod traces;
 mod world;

@@ -47,6 +47,7 @@
 //! | zero | CNC restarted: from there on | CNC restarted: base 0, share 0 |
 //! | anything else | somebody else wrote: off | the operator's change: the base moves by it |
 //! | anything else, and a write of ours may have arrived unseen before it | | doubt |
+//! | the same, after somebody else has made as many small changes as we, each soon after ours | | doubt: a second gateway |
 //! | anything else within `late` of a start that follows no orderly stop | perhaps ours: from there on | doubt, if a promise was open |
 //! | anything else, after the CNC was said to have restarted | from there on, if it is within the limit | doubt, if anything of ours was in it |
 //! | anything at all, while in doubt | | nothing: a person decides |
@@ -76,6 +77,7 @@ mod settings;
 mod slots;
 mod standing;
 mod state;
+mod turns;
 
 pub use copies::{Copies, LatelySent, MOST_REMEMBERED, MOST_UNDER_WAY, Room, Sent};
 pub use event::{Doubt, Event};

@@ -264,10 +264,10 @@ impl Register {
                 output::Event::CncRestarted { .. } => {
                     (has_restarted, self.goes_on_from_there, self.was_restarted) = (true, true, true);
                 }
-                output::Event::ForeignValue { found, .. } => {
+                output::Event::ForeignValue { expected, found } => {
                     self.goes_on_from_there = false;
                     self.heard.is_armed = false;
-                    shared.core().disarm(output.axis, &report::why_foreign(self, output, found));
+                    shared.core().disarm(output.axis, &report::why_foreign(self, output, expected, found));
                 }
                 _ => {}
             }

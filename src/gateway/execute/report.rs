@@ -48,13 +48,16 @@ pub(super) fn event(register: &Register, output: &str, event: output::Event, clo
 }
 
 /// Why the axis is off where somebody else wrote this.
-pub(super) fn why_foreign(register: &Register, output: &Output, found: Counts) -> String {
+pub(super) fn why_foreign(register: &Register, output: &Output, expected: Counts, found: Counts) -> String {
     let settings = &register.settings;
     let (name, at, holds) = (&output.name, &output.address, register.units.in_text(found));
     if found.abs_diff(settings.bias) > settings.limit.unsigned_abs() {
         format!("the register of output {name} ({at}) holds {holds}, beyond its limit")
     } else {
-        format!("somebody else wrote {holds} to the register of output {name} ({at})")
+        let is_like_ours = found.abs_diff(expected) <= settings.step.unsigned_abs();
+        let perhaps =
+            if is_like_ours { "; it is a step like ours: does a second gateway write to it?" } else { "" };
+        format!("somebody else wrote {holds} to the register of output {name} ({at}){perhaps}")
     }
 }
 

@@ -100,6 +100,8 @@ pub enum Doubt {
     LikeOurOwn,
     /// Twice in a row something else stood there than was written and acknowledged.
     Unsteady,
+    /// Somebody else has made as many small changes as we, each soon after ours.
+    SecondGateway,
     /// It changed while a person armed the axis.
     ChangedWhileArming,
     /// The ledger cannot be read.
@@ -120,7 +122,11 @@ impl fmt::Display for Doubt {
             Doubt::ZeroOrOurs => "the CNC was restarted, or a write of ours made it zero",
             Doubt::Rebooted => "the CNC was restarted, and something else stands in its register since",
             Doubt::LikeOurOwn => "twice an unanswered write was followed by a change of just its size",
-            Doubt::Unsteady => "what is written does not stay, twice in a row something else stood there",
+            Doubt::Unsteady => {
+                "what is written does not stay, twice in a row something else stood there: the control cuts it, or a second \
+                 gateway writes to it"
+            }
+            Doubt::SecondGateway => "it is changed as often as we change it, by as little, at the same time: a second gateway writes to it",
             Doubt::ChangedWhileArming => "the register changed while the axis was being armed",
             Doubt::Unreadable => "the ledger cannot be read",
             Doubt::Lost => "an offset was written before, and there is no ledger of it",

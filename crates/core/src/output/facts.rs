@@ -7,6 +7,7 @@ use super::kept::Account;
 use super::settings::{Settings, Verify};
 use super::standing::{Doing, Order, Seen, Standing, Untaken};
 use super::state::{RETRY, State};
+use super::turns::Turns;
 use super::{Fact, Who};
 use crate::quantity::{Counts, Moment};
 
@@ -88,7 +89,7 @@ fn read(state: &mut State, settings: &Settings, found: Counts, asked: Moment, no
     }
     let is_believed = state.account.is_none_or(|account| account.doubt.is_none());
     if is_believed {
-        follow(state, settings, meaning, found, now);
+        follow(state, settings, meaning, (found, asked), now);
     }
     let look = Look {
         found,
@@ -109,14 +110,27 @@ fn read(state: &mut State, settings: &Settings, found: Counts, asked: Moment, no
     (meaning == Meaning::Same).then_some(asked)
 }
 
-fn follow(state: &mut State, settings: &Settings, meaning: Meaning, found: Counts, now: Moment) {
+fn follow(
+    state: &mut State,
+    settings: &Settings,
+    meaning: Meaning,
+    (found, asked): (Counts, Moment),
+    now: Moment,
+) {
     let expected = state.expected();
     match meaning {
         Meaning::Same => {
-            if state.answered.is_some() {
+            let is_written = state.answered.is_some();
+            if is_written {
                 state.untaken = None;
             }
             share_is(state, found);
+            if is_written && settings.is_shared {
+                state.turns.ours();
+                if settings.rules.doubt && state.turns.are_two_gateways() {
+                    doubt(state, Doubt::SecondGateway, found);
+                }
+            }
         }
         Meaning::First if settings.is_shared && !settings.is_zero(found) => {
             if state.standing != Standing::Barred {
@@ -156,6 +170,12 @@ fn follow(state: &mut State, settings: &Settings, meaning: Meaning, found: Count
         Meaning::Foreign => bar_foreign(state, expected.unwrap_or(found), found),
         Meaning::Moved { by } => {
             state.was_like_our_own = state.unanswered_change == Some(by);
+            if state.answered.is_some() {
+                state.turns.ours();
+            }
+            let is_soon = asked.since(state.written_at) <= settings.every.saturating_mul(3);
+            // Two of its changes may have come between two looks.
+            state.turns.another(by.abs() <= settings.step + settings.step, is_soon);
             expected.into_iter().for_each(|expected| share_is(state, expected));
             let Some(account) = state.account else { return };
             let to = account.base + by;
@@ -190,6 +210,7 @@ fn has_nothing_of_ours(state: &mut State, found: Counts) {
 }
 
 fn doubt(state: &mut State, doubt: Doubt, found: Counts) {
+    state.turns = Turns::default();
     let account = state.account.unwrap_or_default();
     account_is(state, Account { doubt: Some(doubt), ..account });
     state.reports.report(Event::Doubted { doubt, found, share: account.share });

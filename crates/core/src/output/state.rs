@@ -12,6 +12,7 @@ use super::reports::Reports;
 use super::settings::{Settings, Verify};
 use super::slots::Slots;
 use super::standing::{Doing, Order, Seen, Shown, Standing, Untaken};
+use super::turns::Turns;
 use crate::quantity::{Counts, Moment, shifted};
 
 /// What failed is tried again after this long at the earliest; and what is not certain is looked at again.
@@ -53,6 +54,9 @@ pub struct State {
     pub(super) was_like_our_own: bool,
     /// Where a write was answered as done last, something else stood there afterwards.
     pub(super) was_unsteady: bool,
+    /// Who has changed a shared register by turns.
+    #[serde(default)]
+    pub(super) turns: Turns,
     /// The register is to be read before anything else is decided.
     pub(super) must_read: bool,
     /// A change waits for what may still arrive.
@@ -106,6 +110,7 @@ impl State {
             unanswered_change: None,
             was_like_our_own: false,
             was_unsteady: false,
+            turns: Turns::default(),
             must_read: is_read,
             is_waiting: false,
             waited_at: now,
