@@ -50,7 +50,7 @@ fn of_two_gateways_at_one_whole_register_the_one_that_finds_the_others_step_goes
     let mut first = Program::start(&text);
     let seen = control.clone();
     first.waits_until("it has arrived", move || seen.lock().unwrap().offset() == 300);
-    let mut second = Program::start(&text);
+    let second = Program::start(&text);
     std::thread::sleep(Duration::from_secs(3));
     let goes_on = |control: &crate::control::Shared| control.lock().unwrap().words[0] = 520;
     goes_on(&control);
