@@ -62,6 +62,7 @@ mod stand_in;
 mod status;
 mod storage;
 mod successor;
+pub mod templates;
 mod units;
 mod watch;
 mod why;
@@ -256,6 +257,7 @@ impl Gateway {
         let requests = self.start_lines(&mut tasks, &mut lines);
         let machine = self.shared.profile.name.clone();
         self.shared.report(&Event::Started { machine, bus_requests: requests });
+        self.tell_of_templates();
         let _watch = self.options.has_threads.then(|| self.watch(&stop));
         let (mut shutdown, on_stop) = (pin!(shutdown), self.shared.profile.on_stop);
         let asked = tokio::select! {
@@ -296,6 +298,19 @@ impl Gateway {
         let failed = self.keep_for_the_last_time();
         let handover = asked.is_none().then(|| self.handover());
         Outcome { failed, rested, left, handover }
+    }
+
+    /// What a newer program brings in its templates is told once, at its first start.
+    fn tell_of_templates(&self) {
+        let Some(directory) = self.options.directory.as_deref().filter(|_| self.options.has_threads) else {
+            return;
+        };
+        for (template, changes) in templates::changed(directory, &self.shared.profile) {
+            self.shared.report(&Event::TemplateChanged { template, changes });
+        }
+        if !self.options.dry_run {
+            templates::keep(directory, &self.shared.profile);
+        }
     }
 
     /// A fault inside is no stop that somebody asked for: the fault actions run, whatever the profile says of a stop.

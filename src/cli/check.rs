@@ -5,7 +5,7 @@ use super::run::known_directory;
 use super::{ProfileArguments, gauge, load_quietly, print_json, warned};
 use crate::cli::say::{say, say_all, say_beside};
 use crate::discovery::{can, pipeline};
-use crate::gateway::control;
+use crate::gateway::{control, templates};
 use crate::observe::http::Admission;
 use isotherm_profile::Profile;
 use isotherm_profile::preview::{self, Preview};
@@ -82,12 +82,17 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 /// What keeps this profile from being run on this computer as it is.
 fn unlike_run(profile: &Profile) -> Vec<String> {
-    let socket = control::path(&known_directory(profile.history.directory.as_deref()), &profile.name);
+    let directory = known_directory(profile.history.directory.as_deref());
+    let changed = templates::changed(&directory, profile).into_iter();
+    let changed = changed.map(|(name, changes)| {
+        format!("template {name} is not as it was in the last run of this machine: {changes}")
+    });
+    let socket = control::path(&directory, &profile.name);
     let tokens = profile.web.as_ref().and_then(|web| Admission::of(web).err());
     let tokens = tokens.map(|why| format!("[web]: {why}; the page is not served without it"));
     let socket = control::too_long(&socket).map(|why| format!("{}: {why}", socket.display()));
     let files = profile.web.as_ref().and_then(|web| web.tls.as_ref());
     let certificate = files.and_then(|files| Certificate::open(files).err());
     let certificate = certificate.map(|why| format!("{why:#}: the gateway does not start without it"));
-    tokens.into_iter().chain(certificate).chain(socket).collect()
+    tokens.into_iter().chain(certificate).chain(socket).chain(changed).collect()
 }

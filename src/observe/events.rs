@@ -199,6 +199,8 @@ pub enum Event {
     LedgerDoubt { output: String, why: String },
     /// The register was back at zero: the CNC was restarted.
     CncRestarted { output: String, expected: String },
+    /// A device template is not as the last run had it.
+    TemplateChanged { template: String, changes: String },
     /// The boot counter of a control changed.
     CncBooted { device: String, from: f64, to: f64 },
     /// A control did not take what was written; `set` is "output cnc_z" or "set plc".

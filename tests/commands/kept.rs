@@ -73,3 +73,42 @@ fn a_line_that_somebody_changed_is_reported_and_the_gateway_goes_on_behind_half_
     assert!(events.contains("no event: cut, or overwritten"), "{events}");
     assert_eq!(events.matches("\"kind\":\"started\"").count(), 3, "{events}");
 }
+
+#[test]
+fn what_changed_in_a_template_since_the_last_run_is_told_once_and_by_check() {
+    let mut bench = Bench::manual();
+    let own = "title = \"a module\"\nsource = \"its manual\"\n[channel.tc]\nregister = \"input:1\"\ntype = \"i16\"\nscale = 0.1\n\
+               unit = \"degC\"\n";
+    let template = bench.home.path().join("devices/own.toml");
+    std::fs::create_dir(template.parent().unwrap()).unwrap();
+    std::fs::write(&template, own).unwrap();
+    let text = std::fs::read_to_string(&bench.profile).unwrap();
+    std::fs::write(&bench.profile, text.replacen("unit = 1\n", "unit = 1\ntemplate = \"own\"\n", 1)).unwrap();
+    let state = bench.home.path().join("state");
+    let kept = state.join("walker.templates.json");
+    bench.restart();
+    until("the template is kept", || kept.exists().then_some(()).ok_or_else(|| "it is not".to_owned()));
+    std::fs::write(&template, own.replace("0.1", "0.01")).unwrap();
+
+    let change =
+        "template own is not as it was in the last run of this machine: channel.tc.scale: 0.1 → 0.01";
+    let check = isotherm(bench.home.path())
+        .arg("check")
+        .arg(&bench.profile)
+        .env("STATE_DIRECTORY", &state)
+        .output()
+        .unwrap();
+    let said = String::from_utf8(check.stderr).unwrap();
+    assert!(check.status.success() && said.contains(change), "{said}");
+    bench.restart();
+    until("it is told", || match bench.reported("template-changed").len() {
+        1 => Ok(()),
+        count => Err(count.to_string()),
+    });
+    bench.restart();
+    until("the fourth start is kept", || match bench.reported("started").len() {
+        4 => Ok(()),
+        count => Err(count.to_string()),
+    });
+    assert_eq!(bench.reported("template-changed").len(), 1, "once");
+}

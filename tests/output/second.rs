@@ -27,11 +27,11 @@ fn turn(rig: &mut Rig, register: &mut i64, offset: i64) -> bool {
 
 fn why_off(rig: &Rig) -> Option<Doubt> {
     let standing = rig.state.shown(&rig.settings).standing;
-    let doubts = rig.reported.iter().filter_map(|event| match event {
+    let mut doubts = rig.reported.iter().filter_map(|event| match event {
         Event::Doubted { doubt, .. } => Some(*doubt),
         _ => None,
     });
-    doubts.last().filter(|_| standing == Standing::Barred)
+    doubts.next_back().filter(|_| standing == Standing::Barred)
 }
 
 #[test]

@@ -299,3 +299,31 @@ fn words_beside_a_value_belong_to_a_display_of_a_position() {
     let strange = display("stale = { register = \"holding:50\", text = \"—\" }");
     refused("position = \"scale_z\"", &strange, "output.readout_z.stale.text", "\"", &["cannot be shown"]);
 }
+
+#[test]
+fn a_pinned_template_is_taken_as_it_is_and_another_text_of_it_is_refused() {
+    let profile = machine("channel = 0", "channel = 0").unwrap().profile;
+    let shown = isotherm_profile::preview::Preview::of(&profile).to_string();
+    let pin = shown.lines().find_map(|line| line.trim().strip_prefix("sha256 = ")).unwrap();
+    let template = "template = \"icp-das-m7019r\"";
+    let pinned = |pin: &str| format!("{template}\nsha256 = {pin}");
+    assert!(machine(template, &pinned(pin)).is_ok(), "what `check` prints is what can be written");
+    assert!(machine(template, &pinned(&pin.to_uppercase())).is_ok());
+    let other = format!("\"{}\"", "0".repeat(64));
+    let is_another = ["`icp-das-m7019r`", pin.trim_matches('"'), "since the last run"];
+    wrong(template, &pinned(&other), "device.module.sha256", &other, &is_another);
+}
+
+#[test]
+fn what_changed_in_a_template_is_told_key_by_key() {
+    let before = "title = \"a\"\n[channel.tc]\nscale = 0.1\nbad = [1, 2]\nold = 1\n";
+    let now = "# a comment\ntitle = \"a\"\n[channel.tc]\nbad = [1]\nscale = 0.1\nnew = true\n";
+    let changes = isotherm_profile::template::changes(before, now);
+    let said = [
+        "channel.tc.bad: [1, 2] → [1]",
+        "channel.tc.new: true, which is new",
+        "channel.tc.old: 1, which is gone",
+    ];
+    assert_eq!(changes, said);
+    assert!(isotherm_profile::template::changes(before, before).is_empty());
+}

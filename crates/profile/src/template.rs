@@ -5,6 +5,7 @@
 //! ones are part of the program; a file `devices/NAME.toml` beside the profile comes before the shipped one of its
 //! name. What a profile spells out wins over its template, key by key.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use serde_json::{Map, Value};
@@ -12,8 +13,10 @@ use serde_json::{Map, Value};
 use crate::document::Section;
 use crate::error::Found;
 use crate::files::Files;
+use crate::sha256;
 use crate::span::{Spans, child};
 
+mod changes;
 mod channels;
 mod checks;
 mod conditions;
@@ -23,6 +26,7 @@ mod outline;
 mod schema;
 mod shipped;
 
+pub use changes::changes;
 pub use outline::{Outline, on_modbus};
 pub use schema::schema;
 pub(crate) use shipped::dbc;
@@ -41,6 +45,8 @@ pub struct Template {
     pub source: String,
     /// The file, where it is the user's own and not the shipped one.
     pub own_file: Option<String>,
+    /// All of it, as written.
+    pub text: Cow<'static, str>,
     /// What a person should know who uses it.
     pub notes: Vec<String>,
     /// What nobody has verified against the manual or on the device.
@@ -61,6 +67,8 @@ impl Template {
             "      ",
             self.own_file.iter().map(|file| format!("taken from {file}, not from the shipped ones")),
         );
+        let sha256 = sha256(self.text.as_bytes());
+        section.line(format!("      sha256 = \"{sha256}\""));
         section.lines("      note: ", &self.notes);
         section.lines("      not verified: ", &self.unverified);
         section.lines("      not checked before arming: ", &self.unchecked);
@@ -69,6 +77,7 @@ impl Template {
         section.entry("title", &self.title);
         section.entry("source", &self.source);
         section.entry("own_file", &self.own_file);
+        section.entry("sha256", &sha256);
         section.entry("notes", &self.notes);
         section.entry("unverified", &self.unverified);
         section.entry("unchecked", &self.unchecked);

@@ -211,6 +211,10 @@ impl Event {
                 "cnc-restarted",
                 format!("output {output}: back at zero where {expected} stood; the CNC was restarted"),
             ),
+            Event::TemplateChanged { template, changes } => warning(
+                "template-changed",
+                format!("template {template} is not as it was in the last run: {changes}"),
+            ),
             Event::CncBooted { device, from, to } => warning(
                 "cnc-booted",
                 format!(

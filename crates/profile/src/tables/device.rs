@@ -45,6 +45,9 @@ pub(crate) struct RawDevice {
     /// Which of the template's variants it is, as "T" for a thermocouple's type.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     variant: Option<String>,
+    /// The SHA-256 of the template, as `check` prints it: another one, as after an upgrade, is refused. Default: any is taken.
+    #[allow(dead_code, reason = "resolved before the profile is checked")]
+    sha256: Option<String>,
     /// Added to every register of the template, where its maker leaves open at which register it begins.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     base: Option<u16>,
@@ -211,7 +214,7 @@ impl RawDevice {
         let check = at.check;
         if self.template.is_none() {
             let help = "write template = \"…\" as well, or remove it";
-            at.foreign(&["variant", "base", "expect"], "a device template", help);
+            at.foreign(&["variant", "sha256", "base", "expect"], "a device template", help);
         }
         let every = at.key("every").period(self.every).unwrap_or(EVERY);
         if self.functions.as_ref().is_some_and(Vec::is_empty) {

@@ -6,10 +6,11 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value, json};
 
 use super::channels::Channel;
-use super::find::{Definition, find};
+use super::find::{Definition, Written, Wrong, find};
 use super::{Template, Templates, Use, in_order, text};
 use crate::error::{Found, allowed};
 use crate::files::Files;
+use crate::sha256;
 use crate::span::{Spans, child, element};
 
 pub(super) struct Filling<'a> {
@@ -57,15 +58,16 @@ impl<'a> Filling<'a> {
         let Some(template) = text(table, "template").map(str::to_owned) else { return };
         let variant = text(table, "variant").map(str::to_owned);
         let base = table.get("base").and_then(Value::as_u64).and_then(|base| u16::try_from(base).ok());
+        let pin = text(table, "sha256").map(str::to_owned);
         let found = find(&template, self.files, self.errors);
-        let defined = match found {
-            Ok((own_file, Some(body))) => Definition::of(&template, body, variant.as_deref(), base)
-                .map(|definition| Some(Definition { own_file, ..definition })),
-            Ok((_, None)) => Ok(None),
-            Err(wrong) => Err(wrong),
-        };
-        let definition = match defined {
-            Ok(Some(definition)) => definition,
+        let defined = found.and_then(|Written { own_file, text, body }| {
+            pinned(&template, pin.as_deref(), &text)?;
+            let Some(body) = body else { return Ok(None) };
+            let definition = Definition::of(&template, body, variant.as_deref(), base)?;
+            Ok(Some((Definition { own_file, ..definition }, text)))
+        });
+        let (definition, written) = match defined {
+            Ok(Some(defined)) => defined,
             Ok(None) => return self.broken.push(name.to_owned()),
             Err((key, message, help)) => {
                 self.broken.push(name.to_owned());
@@ -90,6 +92,7 @@ impl<'a> Filling<'a> {
                 title: definition.title.clone(),
                 source: definition.source.clone(),
                 own_file: definition.own_file.clone(),
+                text: written,
                 notes: definition.notes.clone(),
                 unverified: definition.unverified.clone(),
                 unchecked: Vec::new(),
@@ -339,6 +342,21 @@ impl<'a> Filling<'a> {
 
     pub(super) fn wrong(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
         self.errors.push(self.spans.at_value(path, message, Some(help.into())));
+    }
+}
+
+/// A device that says which template it was written for has no other.
+fn pinned(template: &str, pin: Option<&str>, text: &str) -> Result<(), Wrong> {
+    let found = sha256(text.as_bytes());
+    match pin {
+        Some(pin) if !pin.eq_ignore_ascii_case(&found) => Err((
+            "sha256",
+            format!("template `{template}` is not the one that this profile was written for: its SHA-256 is {found}"),
+            "look at what it brings now (`check` shows it without this key, and what has changed since the last run); then \
+             write the new one"
+                .to_owned(),
+        )),
+        _ => Ok(()),
     }
 }
 

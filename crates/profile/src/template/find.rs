@@ -1,5 +1,6 @@
 //! From a template's name to its text, read strictly: the user's own before the shipped one.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use serde_json::{Map, Value, json};
@@ -41,18 +42,22 @@ pub(super) struct Definition {
 /// What is wrong with a choice: the device's key that is to blame, what, and the remedy.
 pub(super) type Wrong = (&'static str, String, String);
 
-/// The text of a template, strictly read. The last is `None` where something is wrong with it, which has been reported.
-pub(super) fn find(
-    name: &str,
-    files: &Files<'_>,
-    errors: &mut Found,
-) -> Result<(Option<String>, Option<Group>), Wrong> {
+/// A template as it was found.
+pub(super) struct Written {
+    pub(super) own_file: Option<String>,
+    pub(super) text: Cow<'static, str>,
+    /// Strictly read; `None` where something is wrong with it, which has been reported.
+    pub(super) body: Option<Group>,
+}
+
+/// The template of this name.
+pub(super) fn find(name: &str, files: &Files<'_>, errors: &mut Found) -> Result<Written, Wrong> {
     let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
     let file = format!("{DIRECTORY}/{name}.toml");
     let own = if name.bytes().all(plain) { files.text(&file) } else { Ok(None) };
     let own = own.map_err(|why| ("template", why, "may this user read it?".to_owned()))?;
     let own_file = own.is_some().then(|| files.path(&file));
-    let Some(written) = own.as_deref().or_else(|| shipped::text(name)) else {
+    let Some(text) = own.map(Cow::Owned).or_else(|| shipped::text(name).map(Cow::Borrowed)) else {
         let mut known: Vec<String> = shipped::names().map(str::to_owned).collect();
         known.extend(files.names(DIRECTORY, ".toml"));
         known.sort();
@@ -65,7 +70,8 @@ pub(super) fn find(
         return Err(("template", format!("there is no device template `{name}`"), help));
     };
     let shown = own_file.clone().unwrap_or_else(|| format!("profiles/{file}"));
-    Ok((own_file, read(&shown, written, errors)))
+    let body = read(&shown, &text, errors);
+    Ok(Written { own_file, text, body })
 }
 
 /// A model number is rarely written as its maker does: what begins with the same letters and digits comes first, then
