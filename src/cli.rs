@@ -64,6 +64,7 @@ mod target;
 mod token;
 mod trace;
 mod values;
+mod volume;
 
 use sparing::Sparing;
 use values::key_and_value;

@@ -9,7 +9,7 @@ use anyhow::Context;
 use super::port::Port;
 use super::services::Sockets;
 use super::signals::Signals;
-use super::{ProfileArguments, load_modelled, warned};
+use super::{ProfileArguments, load_modelled, volume, warned};
 use crate::cli::say::say;
 use crate::clock::Clock;
 use crate::gateway::control;
@@ -68,6 +68,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         tracing::info!("{overridden}");
     }
     let directory = state_directory(arguments.state.as_deref(), &profile)?;
+    if let Some(place) = volume::goes_with(&directory) {
+        let directory = directory.display();
+        tracing::warn!(
+            "state and ledger in {directory} lie in {place}: keep them in a directory or a named volume of the host"
+        );
+    }
     let options = Options {
         dry_run: arguments.dry_run,
         directory: Some(directory.clone()),

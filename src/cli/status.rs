@@ -30,7 +30,7 @@ pub(super) struct Arguments {
     /// Again every second, until Ctrl-C
     #[arg(long, conflicts_with = "healthy")]
     watch: bool,
-    /// One line, and exit code 0 where everything holds the machine to its cold geometry, else 1
+    /// One line, and exit code 0 where everything holds the machine to its cold geometry but for axes that a person keeps off; else 1
     #[arg(long)]
     healthy: bool,
 }
@@ -46,7 +46,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         if arguments.healthy {
             let missing: Vec<&str> = texts(&status["missing"]);
             anyhow::ensure!(missing.is_empty(), "not healthy: {}", missing.join("; "));
-            return Ok(say!("healthy")?);
+            let named = status["axes"].as_object().into_iter().flatten();
+            let off = named.filter(|(_, axis)| axis["left_off"] == true);
+            let off: String = off
+                .map(|(name, axis)| format!("; axis {name} is off: {}", text::word(&axis["why"])))
+                .collect();
+            return Ok(say!("healthy{off}")?);
         }
         match (arguments.json, arguments.watch) {
             (true, true) => say!("{status}")?,

@@ -11,6 +11,9 @@ use super::sign::SignCheck;
 use super::units::is_beyond_limit;
 use crate::observe::asker::Asker;
 
+/// Why an axis is off that a person switched off.
+pub(super) const BY_A_PERSON: &str = "switched off by a person";
+
 /// A request to arm that could not be served yet.
 #[derive(Clone, Debug)]
 pub(super) struct ArmRequest {
@@ -64,6 +67,12 @@ impl Arming {
             Arm::Auto => !self.latched || self.asked.is_some(),
             Arm::Manual => self.asked.is_some(),
         }
+    }
+
+    /// It is off because people want it so: one has switched it off, or is to arm it first.
+    pub(super) fn is_left_off(&self, profile: &Profile) -> bool {
+        let is_wished = if self.latched { self.why == BY_A_PERSON } else { profile.arm == Arm::Manual };
+        !self.armed && self.asked.is_none() && is_wished
     }
 
     /// It would be armed if that could be done.

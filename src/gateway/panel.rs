@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::arming::ArmRequest;
+use super::arming::{ArmRequest, BY_A_PERSON};
 use super::core::Core;
 use super::probing::{Missed, acting, why_refused};
 use super::rates::{About, Now};
@@ -186,7 +186,7 @@ impl CommandHandle {
                 Command::Arm => self.arm(core, axis, asker),
                 Command::Disarm => {
                     for axis in &chosen {
-                        core.disarm(AxisId(*axis), "switched off by a person");
+                        core.disarm(AxisId(*axis), BY_A_PERSON);
                         core.arming[*axis].trust = true;
                     }
                     Ok(Answer::Done(format!("{said}: off; what stands in the registers stays")))

@@ -193,6 +193,7 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
         error_um: axis.settings.levels.error.map(Micron::get),
         tripped: decision.tripped,
         armed: picture.arming[place].armed,
+        left_off: axis.has_model() && picture.arming[place].is_left_off(&shared.profile),
         sign: picture.arming[place]
             .sign
             .as_ref()

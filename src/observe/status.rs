@@ -209,16 +209,17 @@ pub struct Status {
 }
 
 impl Status {
-    /// What keeps the machine from being held to its cold geometry now, in words; empty where nothing does.
+    /// What keeps the machine from being held to its cold geometry now, against people's wish, in words; empty where nothing does.
     pub fn missing(&self) -> Vec<String> {
         let sentence = |kind: &str, name: &str, state: &str, why: &str| match why {
             "" => format!("{kind} {name}: {state}"),
             why => format!("{kind} {name}: {state}: {why}"),
         };
         let devices = self.devices.iter().filter(|device| device.state != "ok");
-        // An axis without a model is not meant to be held yet.
-        let axes =
-            self.axes.iter().filter(|axis| axis.has_model && !matches!(axis.state, "active" | "degraded"));
+        // An axis without a model is not meant to be held yet, nor is one that a person keeps off.
+        let is_meant = |axis: &&AxisStatus| axis.has_model && !axis.left_off;
+        let is_held = |axis: &AxisStatus| matches!(axis.state, "active" | "degraded");
+        let axes = self.axes.iter().filter(is_meant).filter(|axis| !is_held(axis));
         let mut missing: Vec<String> = devices
             .map(|device| sentence("device", &device.name, device.state, &device.fault))
             .chain(axes.map(|axis| sentence("axis", &axis.name, axis.state, &axis.why)))
@@ -299,6 +300,8 @@ pub struct AxisStatus {
     pub tripped: bool,
     /// It may write.
     pub armed: bool,
+    /// It is off because people want it so: one has switched it off, or is to arm it first.
+    pub left_off: bool,
     /// Its sign is being checked with a dial gauge.
     pub sign: Option<SignStatus>,
     /// When its sign was checked last, RFC 3339, and which way the gauge moved.

@@ -8,6 +8,7 @@ mod deadline;
 #[path = "../device/mod.rs"]
 mod device;
 mod kept;
+mod left_off;
 mod page;
 #[path = "../process/mod.rs"]
 mod process;

@@ -189,6 +189,7 @@ pub(crate) fn status() -> Status {
             error_um: None,
             tripped: false,
             armed: true,
+            left_off: false,
             probe: Some(probe()),
             extrapolating: None,
             stood_in: None,
