@@ -7,7 +7,7 @@ use super::book::{Block, Chapter, chapters, root};
 use super::shop::Shop;
 
 /// Blocks that no test can run, by chapter, with what stands behind `by-hand=`. Another one is a line here, or it runs.
-const BY_HAND: [(&str, &str); 21] = [
+const BY_HAND: [(&str, &str); 22] = [
     ("README.md", "it builds the program"),
     ("docs/api.md", "it asks a gateway with a token"),
     ("docs/commissioning.md", "a person reads the gauge"),
@@ -16,7 +16,8 @@ const BY_HAND: [(&str, &str); 21] = [
     ("docs/developing.md", "a browser"),
     ("docs/installing.md", "it builds the package"),
     ("docs/installing.md", "it builds the program"),
-    ("docs/installing.md", "a container engine and vcan"),
+    ("docs/installing.md", "it builds the image"),
+    ("docs/installing.md", "a container engine"),
     ("docs/linuxcnc/README.md", "a control"),
     ("docs/linuxcnc/README.md", "a control"),
     ("docs/linuxcnc/README.md", "LinuxCNC"),
