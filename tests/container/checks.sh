@@ -80,6 +80,17 @@ a_wrong_profile_is_tried_five_times_and_no_more() {
     is restarts '5 64 exited' "$before"
 }
 
+with_serial_ports_it_is_in_their_group_and_sees_them() {
+    profile parts-vmc
+    local pid found
+    compose serial up --detach || return 1
+    pid=$(engine inspect --format '{{.State.Pid}}' docker_gateway-serial_1)
+    says ' 20 ' " $(sed -n 's/^Groups:\t//p' "/proc/$pid/status") " && [ -e "/proc/$pid/root/dev/null" ] &&
+        is 'character devices' "$(find /dev -maxdepth 1 -name 'tty[SUA]*' | wc -l)" "$(find "/proc/$pid/root/dev/" -maxdepth 1 -name 'tty[SUA]*' | wc -l)"
+    found=$?
+    compose serial down --volumes && return "$found"
+}
+
 it_compensates_in_a_network_of_its_own_without_rights() {
     profile parts-vmc
     local begun=$SECONDS pid
@@ -127,7 +138,8 @@ until [ -S "$job/engine.sock" ]; do sleep 0.1; done
 failed=0
 for check in the_image_has_one_program_and_no_shell the_image_says_who_runs_it_and_how_it_is_asked_for_its_health \
     it_runs_without_a_network_a_capability_or_a_place_to_write state_that_goes_with_the_container_is_warned_of_and_other_is_not \
-    a_wrong_profile_is_tried_five_times_and_no_more it_compensates_in_a_network_of_its_own_without_rights \
+    a_wrong_profile_is_tried_five_times_and_no_more with_serial_ports_it_is_in_their_group_and_sees_them \
+    it_compensates_in_a_network_of_its_own_without_rights \
     its_page_answers_this_side_of_the_network_and_asks_for_the_token a_lost_device_is_sick_and_one_that_is_back_is_not \
     an_axis_that_a_person_switched_off_is_not_sick it_stops_at_zero_and_another_container_goes_on_with_its_state; do
     [[ "${check//_/ }" == *"${*:-}"* ]] || continue
