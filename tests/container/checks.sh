@@ -54,14 +54,24 @@ it_runs_without_a_network_a_capability_or_a_place_to_write() {
         says 'at most' "$(one --volume /etc/isotherm:/etc/isotherm:ro isotherm check /etc/isotherm/machine.toml 2>&1)"
 }
 
+# OPTIONS OF THE ENGINE: what the gateway says at its start.
+start_with() {
+    local said=
+    engine run --detach --name tried --network none --health-interval disable --volume /etc/isotherm:/etc/isotherm:ro "$@" \
+        isotherm run /etc/isotherm/machine.toml --set bus.control.address=127.0.0.1:2 >/dev/null
+    until [[ $said == *'the gateway runs'* ]] || [ "$(engine inspect --format '{{.State.Status}}' tried)" = exited ]; do
+        sleep 0.2
+        said=$(engine logs tried 2>&1)
+    done
+    engine rm --force --time 5 --volumes tried >/dev/null
+    echo "$said"
+}
+
 state_that_goes_with_the_container_is_warned_of_and_other_is_not() {
     profile parts-vmc
-    local run=(--volume /etc/isotherm:/etc/isotherm:ro isotherm run /etc/isotherm/machine.toml --set bus.control.address=127.0.0.1:2) said
-    said=$(timeout --signal TERM 20 podman run --rm --network none --health-interval disable --stop-timeout 5 --name layer "${run[@]}" 2>&1 & sleep 4; podman stop layer)
-    says "this container's own layer" "$said" || return 1
-    said=$(podman run --rm --network none --health-interval disable --name nameless --volume /var/lib/isotherm "${run[@]}" 2>&1 & sleep 4; podman stop nameless)
-    says 'a volume without a name' "$said" || return 1
-    said=$(podman run --rm --network none --health-interval disable --name named --volume kept:/var/lib/isotherm "${run[@]}" 2>&1 & sleep 4; podman stop named)
+    local said
+    says "this container's own layer" "$(start_with)" && says 'a volume without a name' "$(start_with --volume /var/lib/isotherm)" || return 1
+    said=$(start_with --volume kept:/var/lib/isotherm)
     says 'the gateway runs' "$said" && case $said in *'state and ledger'*) fails "$said" ;; esac
 }
 
