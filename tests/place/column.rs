@@ -23,7 +23,19 @@ pub(crate) struct Answer {
 
 /// `isotherm place` with these arguments, in this directory.
 pub(crate) fn place(home: &Path, arguments: &[&str]) -> Answer {
-    let done = isotherm(home).current_dir(home).arg("place").args(arguments).output().unwrap();
+    place_by("ccx", home, arguments)
+}
+
+/// The same, with this program in the place of `ccx`.
+pub(crate) fn place_by(ccx: &str, home: &Path, arguments: &[&str]) -> Answer {
+    let path = std::env::var("PATH").unwrap_or_default();
+    let path = ccx.rsplit_once('/').map_or(path.clone(), |(folder, _)| format!("{folder}:{path}"));
+    let mut command = isotherm(home);
+    // It is for the one that stands in the place of CalculiX.
+    if let Ok(anew) = std::env::var("TEST_WRITES_FIGURES") {
+        command.env("TEST_WRITES_FIGURES", anew);
+    }
+    let done = command.env("PATH", path).current_dir(home).arg("place").args(arguments).output().unwrap();
     Answer {
         code: done.status.code(),
         out: String::from_utf8(done.stdout).unwrap(),

@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+#[path = "../calculix/mod.rs"]
+mod calculix;
 mod column;
 mod found;
 #[path = "../process/mod.rs"]
