@@ -3,6 +3,7 @@
 In DIRECTORY lie `kernel`, `initrd`, `disk` (the package is installed), `parcel` (the packages, mounted at /mnt)."""
 
 import atexit
+import datetime
 import json
 import os
 import random
@@ -45,9 +46,25 @@ def journal(lines):
     return computer.tries(f"journalctl --quiet -o short-precise -u {UNIT} -n {lines}")[1]
 
 
+def stood_still():
+    """How often the gateway has found that this computer stood still. It moves no axis here: walker.toml has a fault action that waits."""
+    return int(computer.tries(f"journalctl --quiet -o cat -u {UNIT} | grep -c 'this computer stood still'")[1])
+
+
 def shown(*properties):
     said = computer.does(f"systemctl show {UNIT} " + " ".join(f"-p {name}" for name in properties))
     return dict(line.split("=", 1) for line in said.splitlines())
+
+
+def its_clock_is_ahead():
+    """Of the one here, s."""
+    before = time.time()
+    its = float(computer.does("date +%s.%N"))
+    return its - (before + time.time()) / 2
+
+
+def stamp(text):
+    return datetime.datetime.fromisoformat(text).timestamp()
 
 
 def process():
@@ -56,8 +73,8 @@ def process():
 
 def ended_by_itself():
     """It has been stopped, at zero, and was not killed."""
-    said = journal(6)
-    assert device.offset == 0, device.offset
+    said = journal(12)
+    assert device.offset == 0, (device.offset, said)
     assert "Deactivated successfully" in said and not re.search("timed out|SIGKILL|Killing|Failed", said), said
 
 
@@ -245,7 +262,7 @@ def a_power_cut_loses_no_share_and_at_most_10_s_of_the_log():
     computer.tries(f"systemctl stop {UNIT}; rm -rf {STATE}/*")
     profile(share="ledger")
     computer.does(f"systemctl enable {UNIT}")
-    base, chance, lost, boots = 500, random.Random(SEED), [], []
+    base, chance, lost, took = 500, random.Random(SEED), [], []
     device.registers[10] = base
     computer.does(f"systemctl start {UNIT}")
     # Who begins to share a register says that what stands in it is his.
@@ -255,26 +272,52 @@ def a_power_cut_loses_no_share_and_at_most_10_s_of_the_log():
     for cut in range(1, CUTS + 1):
         target = chance.randrange(100, 900) * (1 if target < 0 else -1)
         wait = chance.uniform(0.2, 8.0)
+        ahead = its_clock_is_ahead()
         device.moves()
         device.is_as_warm_as(target)
         time.sleep(wait)
-        at, stood = time.time(), device.offset
+        at, stood = time.time() + ahead, device.offset
         computer.is_cut_off()
         device.moves()
-        boots.append(computer.boot())
+        took.append(boots())
         until(f"base and share are {base} + {target} after cut {cut}, at {stood}", lambda: device.offset == base + target)
         time.sleep(1)
         assert device.offset == base + target, (device.offset, base, target)
         steps = [after - before for _, before, after in device.moves()]
         assert all(abs(step) <= 50 for step in steps), steps
-        last = float(computer.does(
-            f"cat {STATE}/walker-*[0-9].csv | cut -d, -f1 | grep -v '[a-z]' | while read -r time; do date -d \"$time\" +%s.%N; done"
-            f" | awk '$1 < {at + 1} && $1 > last {{ last = $1 }} END {{ printf \"%.3f\", last }}'"))
+        # The rows of before: it has been booting since.
+        rows = computer.does(f"cat {STATE}/walker-*[0-9].csv | cut -d, -f1 | grep -v '[a-z]' | sort | tail -n 500").split()
+        last = max(time for time in map(stamp, rows) if time < at + 1)
         lost.append(at - last)
         assert lost[-1] <= 10, (cut, lost)
-        print(f"     cut {cut:2}: after {wait:.1f} s at {stood:5}; booted in {boots[-1]:.0f} s; {base} + {target}; "
+        print(f"     cut {cut:2}: after {wait:.1f} s at {stood:5}; booted in {took[-1]:.0f} s; {base} + {target}; "
               f"{lost[-1]:.1f} s of the log lost", flush=True)
     return f"{CUTS} cuts, seed {SEED}: at most {max(lost):.1f} s of the log lost"
+
+
+def boots():
+    took = computer.boot()
+    computer.does("mount -o ro /dev/vdb /mnt")
+    return took
+
+
+def is_shown(show, name, attempts=3):
+    begun, still = time.monotonic(), stood_still()
+    try:
+        said, verdict = show(), "ok"
+    except (AssertionError, RuntimeError, OSError, ValueError) as error:
+        said, verdict = error, "FAILED"
+    took = f"{time.monotonic() - begun:.0f} s"
+    if computer.process is None or computer.process.poll() is not None:
+        boots()
+    still = stood_still() - still
+    took += f", and its computer stood still {still} times" if still else ""
+    print(f"{verdict:6} {name} ({took})" + (f"\n       {said}" if said else ""), flush=True)
+    if verdict == "FAILED" and still and attempts > 1:
+        # Deadlines are over then that nobody could keep: that shows nothing of the package.
+        print("       once more", flush=True)
+        return is_shown(show, name, attempts - 1)
+    return verdict == "ok"
 
 
 def main():
@@ -283,22 +326,13 @@ def main():
     atexit.register(computer.is_cut_off)
     wanted = sys.argv[2:]
     failed = 0
-    took = computer.boot()
+    took = boots()
     print(f"booted in {took:.0f} s: " + computer.does("systemctl --version | head -n 1; uname -r").replace("\n", ", "), flush=True)
-    computer.does("mount -o ro /dev/vdb /mnt")
     for show in CHECKS:
         name = show.__name__.replace("_", " ")
         if wanted and not any(word in name for word in wanted):
             continue
-        begun = time.monotonic()
-        try:
-            said, verdict = show(), "ok"
-        except (AssertionError, RuntimeError, OSError, ValueError) as error:
-            said, verdict = error, "FAILED"
-            failed += 1
-        print(f"{verdict:6} {name} ({time.monotonic() - begun:.0f} s)" + (f"\n       {said}" if said else ""), flush=True)
-        if computer.process is None or computer.process.poll() is not None:
-            computer.boot()
+        failed += not is_shown(show, name)
     return failed > 0
 
 
