@@ -1,6 +1,6 @@
 //! `isotherm restart --keep`: another program, or another profile, in the place of the running gateway.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 
 use serde_json::Value;
@@ -87,9 +87,15 @@ fn sentence(status: &Value) -> String {
 
 /// What the gateway of a profile that is wrong says to that.
 fn tell_it_is_wrong(profile: &Path, gateway: &RunningGateway) -> Option<String> {
-    let text = regular::read_text(profile).ok()?;
-    let socket: PathBuf = running::of_machine(gateway.state(), None, name_in(&text)?).ok()?;
-    control::restart_is_wrong(&socket).ok()
+    let text = regular::read_text(profile).unwrap_or_default();
+    if let Some(name) = name_in(&text) {
+        let socket = running::of_machine(gateway.state(), None, name).ok()?;
+        return control::restart_is_wrong(&socket, None).ok();
+    }
+    // Each knows whether this is its profile.
+    let profile = std::path::absolute(profile).ok()?;
+    let sockets = running::all(gateway.state()).ok()?;
+    sockets.iter().find_map(|socket| control::restart_is_wrong(socket, Some(&profile)).ok())
 }
 
 /// The machine's name, in a text that may be wrong in any way.

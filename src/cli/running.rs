@@ -70,15 +70,7 @@ pub(super) fn directory(state: Option<&Path>, profile: &Profile) -> anyhow::Resu
 /// # Errors
 /// There is none, or several.
 pub(super) fn only(state: Option<&Path>) -> anyhow::Result<PathBuf> {
-    let directory = known_directory(state);
-    let read = std::fs::read_dir(&directory);
-    if read.as_ref().is_err_and(|error| error.kind() == ErrorKind::PermissionDenied) {
-        anyhow::bail!("{}", control::forbidden(&directory));
-    }
-    let entries = read.into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut sockets: Vec<PathBuf> =
-        entries.filter(|path| path.extension().is_some_and(|end| end == "sock")).collect();
-    sockets.sort();
+    let (sockets, directory) = (all(state)?, known_directory(state));
     let shown = directory.display();
     match sockets.as_slice() {
         [] => anyhow::bail!(
@@ -91,4 +83,21 @@ pub(super) fn only(state: Option<&Path>) -> anyhow::Result<PathBuf> {
             anyhow::bail!("several gateways run with {shown}: {}; name the profile of one", names.join(", "))
         }
     }
+}
+
+/// The command sockets in a state directory.
+///
+/// # Errors
+/// This user may not look.
+pub(super) fn all(state: Option<&Path>) -> anyhow::Result<Vec<PathBuf>> {
+    let directory = known_directory(state);
+    let read = std::fs::read_dir(&directory);
+    if read.as_ref().is_err_and(|error| error.kind() == ErrorKind::PermissionDenied) {
+        anyhow::bail!("{}", control::forbidden(&directory));
+    }
+    let entries = read.into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut sockets: Vec<PathBuf> =
+        entries.filter(|path| path.extension().is_some_and(|end| end == "sock")).collect();
+    sockets.sort();
+    Ok(sockets)
 }

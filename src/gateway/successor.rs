@@ -5,7 +5,7 @@
 use std::ffi::OsString;
 use std::io::Read;
 use std::os::unix::process::CommandExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
@@ -61,8 +61,16 @@ impl Program {
         Ok(Program { path, arguments: arguments.collect() })
     }
 
+    /// Whether it was started with this file, which need not be there any more.
+    fn was_given(&self, file: &Path) -> bool {
+        let place = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path)).ok();
+        place(file).is_some_and(|file| {
+            self.arguments.iter().any(|given| place(Path::new(given)).as_ref() == Some(&file))
+        })
+    }
+
     /// Has the program that lies there now check what it would run with.
-    fn check(&self, socket: &std::path::Path) -> Result<(), Unfit> {
+    fn check(&self, socket: &Path) -> Result<(), Unfit> {
         let shown = self.path.display();
         let mut command = Command::new(&self.path);
         command.args(&self.arguments).arg(format!("--{CHECK_ONLY}")).arg(socket);
@@ -129,6 +137,11 @@ pub struct Successor {
 impl Successor {
     pub(super) fn new(shared: Arc<Shared>, program: Program, socket: PathBuf) -> Successor {
         Successor { shared, program, socket }
+    }
+
+    /// Whether this gateway was started with this profile.
+    pub(super) fn runs_profile(&self, path: &Path) -> bool {
+        self.program.was_given(path)
     }
 
     /// Whether it could run in the place of this gateway. Takes its time.

@@ -4,7 +4,7 @@ use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::time::Duration;
 
 use crate::device::What;
-use crate::process::until;
+use crate::process::{isotherm, until};
 use crate::rig::{Service, copy};
 
 const WAY: &str = "step = 1.0";
@@ -136,6 +136,34 @@ fn a_profile_that_is_wrong_leaves_the_old_gateway_running_and_is_an_event() {
     let told = service.manager.rest();
     assert!(told.iter().all(|told| !told.contains("RELOADING") && !told.contains("STOPPING")), "{told:?}");
     assert!(!service.gateway.has_ended());
+}
+
+#[test]
+fn a_profile_in_which_no_name_can_be_read_is_an_event_of_the_gateway_that_runs_it() {
+    let service = Service::start(|text| text);
+    let whole = std::fs::read_to_string(&service.profile).unwrap();
+    // How many such events there are, once the profile is whole again.
+    let told = || {
+        std::fs::write(&service.profile, &whole).unwrap();
+        let refused = service.events("command-refused");
+        let is_it =
+            |event: &serde_json::Value| event["text"].as_str().unwrap().contains("the profile is wrong");
+        assert!(refused.iter().all(is_it), "{refused:#?}");
+        refused.len()
+    };
+    // Another profile without a name is none of its business.
+    std::fs::write(service.home.path().join("other.toml"), "[machine\n").unwrap();
+    let mut other = isotherm(service.home.path());
+    other.args(["restart", "other.toml", "--keep", "--state"]).arg(service.home.path().join("state"));
+    let other = other.output().unwrap();
+    assert_eq!((other.status.code(), told()), (Some(64), 0), "{other:?}");
+    std::fs::write(&service.profile, "[machine\nname = walker\n").unwrap();
+    let (code, said) = service.restart(&[]);
+    assert_eq!((code, said.contains("the gateway goes on as it was"), told()), (Some(64), true, 1), "{said}");
+    std::fs::remove_file(&service.profile).unwrap();
+    let (code, said) = service.restart(&[]);
+    assert_eq!((code, said.contains("the gateway goes on as it was"), told()), (Some(64), true, 2), "{said}");
+    service.walks_to(30);
 }
 
 #[test]

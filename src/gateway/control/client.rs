@@ -115,12 +115,14 @@ pub fn restart(path: &Path, mut show: impl FnMut(&str)) -> Result<String, Failur
     }
 }
 
-/// Tells the running gateway that another program was to take its place, and that the profile is wrong.
+/// Tells the running gateway that another program was to take its place, and that the profile is wrong: its own, or only where this
+/// is its profile.
 ///
 /// # Errors
-/// No gateway runs there, or it does not answer.
-pub fn restart_is_wrong(path: &Path) -> Result<String, Failure> {
-    Ok(ask(path, "restart wrong", PATIENCE)?.0.text().to_owned())
+/// No gateway runs there, it runs another profile, or it does not answer.
+pub fn restart_is_wrong(path: &Path, profile: Option<&Path>) -> Result<String, Failure> {
+    let which = profile.map(|profile| format!(" {}", profile.display())).unwrap_or_default();
+    Ok(ask(path, &format!("restart wrong{which}"), PATIENCE)?.0.text().to_owned())
 }
 
 /// Sends an axis's measured error, µm; `None` takes back what such errors have taught.

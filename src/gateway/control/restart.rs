@@ -2,8 +2,10 @@
 //!
 //! `restart` → `waits …` while that program checks the profile, with `still` once a second; then `ok …`, and the connection stays
 //! open until this program is gone; or `wrong …` where the profile is, or `error …`. `restart wrong` only notes that whoever wanted
-//! it has found the profile wrong.
+//! it has found the profile wrong; `restart wrong PATH` does where that is the profile of this gateway, for one in which no name
+//! can be read.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use tokio::net::unix::OwnedWriteHalf;
@@ -17,26 +19,27 @@ const RESTART: &str = "restart";
 
 /// Whoever wants it has found the profile wrong, or has not looked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Request {
+pub(super) enum Request<'a> {
     Restart,
-    Wrong,
+    /// The profile may be named by its path.
+    Wrong(Option<&'a Path>),
 }
 
-impl Request {
+impl<'a> Request<'a> {
     /// `None` where the line is another command.
-    pub(super) fn parse(line: &str) -> Option<Request> {
-        let mut words = line.split(' ').filter(|word| !word.starts_with("until="));
-        match (words.next(), words.next(), words.next()) {
-            (Some(RESTART), None, _) => Some(Request::Restart),
-            (Some(RESTART), Some("wrong"), None) => Some(Request::Wrong),
-            _ => None,
+    pub(super) fn parse(line: &'a str) -> Option<Request<'a>> {
+        let line = line.rsplit_once(" until=").map_or(line, |(line, _)| line);
+        match line.strip_prefix(RESTART)? {
+            "" => Some(Request::Restart),
+            " wrong" => Some(Request::Wrong(None)),
+            more => more.strip_prefix(" wrong ").map(|path| Request::Wrong(Some(Path::new(path)))),
         }
     }
 }
 
 pub(super) async fn serve(
     desk: &Desk,
-    request: Request,
+    request: Request<'_>,
     (who, connection): (String, &Arc<Connection>),
     writer: &mut OwnedWriteHalf,
 ) -> std::io::Result<()> {
@@ -46,7 +49,11 @@ pub(super) async fn serve(
         Asker::new(Way::Socket, who.clone()).until(until).at(connection)
     };
     let refused = |why: &str| desk.source.turned_away(RESTART, &asker(), why);
-    if request == Request::Wrong {
+    if let Request::Wrong(path) = request {
+        let runs = |path| desk.successor.as_ref().is_some_and(|successor| successor.runs_profile(path));
+        if !path.is_none_or(runs) {
+            return say(writer, "error this gateway runs another profile\n").await;
+        }
         refused("the profile is wrong; the gateway goes on as it was");
         return say(writer, "ok the gateway goes on as it was\n").await;
     }
