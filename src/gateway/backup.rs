@@ -14,7 +14,7 @@ use super::ledger::file::Entries;
 use super::sealed::{Found, Seal, Unfit, Which, named, open, seal};
 use isotherm_core::output::{Doubt, Kept};
 
-/// A state is written every ten seconds and a ledger before a register is: a pair is soon read between two writings.
+/// A state is written every eight seconds and a ledger before a register is: a pair is soon read between two writings.
 const TRIES: u32 = 50;
 const PAUSE: Duration = Duration::from_millis(20);
 

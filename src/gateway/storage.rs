@@ -33,8 +33,9 @@ pub(super) use outputs::{Steady, Stepped};
 use stamps::{Stamped, Stamps};
 use thread::StorageThread;
 
-/// The state is written at most this often, and once at the end.
-const REMEMBER_EVERY: Duration = Duration::from_secs(10);
+/// The state is written at most this often, and once at the end; the logs are put on the disk with it. A power cut takes no more
+/// than 10 s of them: this long, a step, and what a slow disk needs.
+const REMEMBER_EVERY: Duration = Duration::from_secs(8);
 /// How long the end of a run waits for the disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 /// Rows of decisions that may wait for a slow disk; more are dropped, and that is counted.
