@@ -21,11 +21,12 @@ fn an_axis_that_a_person_keeps_off_leaves_the_gateway_healthy_and_is_named() {
 }
 
 #[test]
-fn an_axis_that_waits_or_that_something_else_switched_off_is_not_healthy() {
+fn an_axis_that_is_to_be_armed_and_waits_is_not_healthy() {
     let bench = Bench::manual();
     bench.device.asks(OPEN_CIRCUIT);
     bench.why("open circuit");
     assert_eq!(bench.ask(&["arm", "--no-wait"]).0, 1);
+    bench.is_in_state("waiting");
     let (code, said) = bench.ask(&["status", "--healthy"]);
     assert!(code == 1 && said.contains("axis z: waiting: "), "{said}");
 }
