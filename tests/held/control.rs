@@ -15,6 +15,9 @@ pub(crate) const STEP: i16 = 10;
 /// The scale of a machine that has one.
 pub(crate) const SCALE: usize = 5;
 
+/// The first of its offsets.
+const OFFSET: usize = 10;
+
 /// What happens to a write.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Fate {
@@ -46,6 +49,8 @@ pub(crate) struct Control {
     pub(crate) applies: bool,
     /// What a held write changed the offset from and to, when it came.
     pub(crate) late: Option<(i16, i16)>,
+    /// What it put there was read: with what is sent again and again it may have been written over before.
+    pub(crate) is_late_read: bool,
     /// What has to stand there before a held write comes.
     pub(crate) comes_over: Option<i16>,
     /// By so much the scale moves before it is read.
@@ -72,6 +77,7 @@ impl Control {
             writes: 0,
             applies: true,
             late: None,
+            is_late_read: false,
             comes_over: None,
             moves: 0,
             offsets: |words| [words[10].cast_signed(), words[11].cast_signed()],
@@ -97,6 +103,8 @@ impl Control {
         if (from..from + count).contains(&SCALE) {
             self.words[SCALE] = (self.words[SCALE] + self.moves) % 1000;
         }
+        let is_late = self.late.is_some_and(|(_, late)| (self.offsets)(&self.words)[0] == late);
+        self.is_late_read |= is_late && (from..from + count).contains(&OFFSET);
         question.read(&self.words)
     }
 
