@@ -309,7 +309,7 @@ def is_shown(show, name, attempts=3):
     try:
         said, verdict = show(), "ok"
     except (AssertionError, RuntimeError, OSError, ValueError) as error:
-        said, verdict = error, "FAILED"
+        said, verdict = f"{error}\n{journal(25)}", "FAILED"
     took = f"{time.monotonic() - begun:.0f} s"
     if computer.process is None or computer.process.poll() is not None:
         boots()
