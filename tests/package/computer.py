@@ -84,7 +84,8 @@ class Computer:
         return said
 
     def is_cut_off(self):
-        """As when its power fails: what it has not asked its disk to keep is gone."""
+        """As when its power fails: what it has not given to its disk is gone. What a disk forgets that was not asked to keep it is not
+        tried: this one keeps all that it was given."""
         if self.process is not None:
             self.process.kill()
             self.process.wait()

@@ -313,7 +313,8 @@ def is_shown(show, name, attempts=3):
     took = f"{time.monotonic() - begun:.0f} s"
     if computer.process is None or computer.process.poll() is not None:
         boots()
-    still = stood_still() - still
+    # A cut takes a part of the journal as well.
+    still = max(stood_still() - still, 0)
     took += f", and its computer stood still {still} times" if still else ""
     print(f"{verdict:6} {name} ({took})" + (f"\n       {said}" if said else ""), flush=True)
     if verdict == "FAILED" and still and attempts > 1:
