@@ -41,13 +41,13 @@
 //! | it shows | whole register | shared register |
 //! |---|---|---|
 //! | the same | nothing new | nothing new |
+//! | the same, after somebody else has made as many small changes as we, each soon after ours | | doubt: a second gateway |
 //! | what stood before a write that was answered as done | not taken: tried again | not taken: tried again |
 //! | a value under way | ours; walked back step by step | ours: the share changes; zero with a base, or more than the limit from it: doubt |
 //! | a value lately sent | ours, very late | doubt: the operator's, or ours |
 //! | zero | CNC restarted: from there on | CNC restarted: base 0, share 0 |
 //! | anything else | somebody else wrote: off | the operator's change: the base moves by it |
 //! | anything else, and a write of ours may have arrived unseen before it | | doubt |
-//! | the same, after somebody else has made as many small changes as we, each soon after ours | | doubt: a second gateway |
 //! | anything else within `late` of a start that follows no orderly stop | perhaps ours: from there on | doubt, if a promise was open |
 //! | anything else, after the CNC was said to have restarted | from there on, if it is within the limit | doubt, if anything of ours was in it |
 //! | anything at all, while in doubt | | nothing: a person decides |
