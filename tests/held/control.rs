@@ -49,7 +49,7 @@ pub(crate) struct Control {
     pub(crate) applies: bool,
     /// What a held write changed the offset from and to, when it came.
     pub(crate) late: Option<(i16, i16)>,
-    /// What it put there was read: with what is sent again and again it may have been written over before.
+    /// What it changed was read: with what is sent again and again it may have changed nothing, or been written over before.
     pub(crate) is_late_read: bool,
     /// What has to stand there before a held write comes.
     pub(crate) comes_over: Option<i16>,
@@ -103,7 +103,8 @@ impl Control {
         if (from..from + count).contains(&SCALE) {
             self.words[SCALE] = (self.words[SCALE] + self.moves) % 1000;
         }
-        let is_late = self.late.is_some_and(|(_, late)| (self.offsets)(&self.words)[0] == late);
+        let is_late = |(stood, late)| stood != late && (self.offsets)(&self.words)[0] == late;
+        let is_late = self.late.is_some_and(is_late);
         self.is_late_read |= is_late && (from..from + count).contains(&OFFSET);
         question.read(&self.words)
     }
