@@ -14,6 +14,7 @@ use std::time::Duration;
 
 use isotherm_core::quantity::{Moment, Shift, Shifted};
 
+mod alarm;
 mod inlet;
 mod looks;
 mod passing;
@@ -33,6 +34,7 @@ pub use stamp::{Correction, SMALLEST_CORRECTION, Synchronised};
 pub use wall::TimeOfDay;
 pub use zone::zone;
 
+use alarm::{Alarm, FAR};
 use simulated::Simulated;
 use stamp::Followed;
 use wall::Wall;
@@ -61,7 +63,8 @@ pub struct Sleeper {
 
 #[derive(Debug)]
 enum Place {
-    Wall(Arc<tokio::sync::Notify>),
+    /// What wakes it before its time, and what wakes it at one that is far away, once there was one.
+    Wall(Arc<tokio::sync::Notify>, Option<Alarm>),
     Simulated(simulated::Membership),
 }
 
@@ -144,6 +147,11 @@ impl Clock {
         matches!(self.source, Source::Simulated(_))
     }
 
+    /// Not by what a test has put in its place, which goes at a pace of its own.
+    fn is_counted_by_the_system(&self) -> bool {
+        matches!(&self.source, Source::Wall(wall) if wall.passing.is_of_the_system())
+    }
+
     /// A virtual time that begins at `start` and runs at most `speed` times as fast as the wall; `None`: as fast as
     /// its sleepers allow.
     pub fn simulated(start: Moment, speed: Option<f64>) -> Clock {
@@ -162,7 +170,7 @@ impl Clock {
     /// act.
     pub fn join(&self) -> Sleeper {
         let place = match &self.source {
-            Source::Wall(_) => Place::Wall(Arc::new(tokio::sync::Notify::new())),
+            Source::Wall(_) => Place::Wall(Arc::default(), None),
             Source::Simulated(simulated) => Place::Simulated(simulated.sit_down()),
         };
         Sleeper { clock: self.clone(), place }
@@ -198,7 +206,7 @@ impl Sleeper {
     /// What wakes this sleeper before its time.
     pub fn wakeup(&self) -> Wakeup {
         Wakeup(match &self.place {
-            Place::Wall(notify) => WakeupOf::Wall(notify.clone()),
+            Place::Wall(notify, _) => WakeupOf::Wall(notify.clone()),
             Place::Simulated(membership) => WakeupOf::Simulated(membership.wakeup()),
         })
     }
@@ -212,11 +220,21 @@ impl Sleeper {
     /// The same for whoever has just looked at the clock.
     pub async fn sleep_from(&mut self, now: Moment, deadline: Moment) -> Moment {
         match &mut self.place {
-            Place::Wall(notify) => {
+            Place::Wall(notify, alarm) => {
                 if now >= deadline {
                     return now;
                 }
-                let _ = tokio::time::timeout(deadline.since(now), notify.notified()).await;
+                let left = deadline.since(now);
+                if left > FAR && alarm.is_none() && self.clock.is_counted_by_the_system() {
+                    *alarm = Alarm::new();
+                }
+                match alarm {
+                    Some(alarm) if left > FAR => tokio::select! {
+                        () = notify.notified() => {}
+                        () = alarm.after(left) => {}
+                    },
+                    _ => _ = tokio::time::timeout(left, notify.notified()).await,
+                }
             }
             Place::Simulated(membership) => membership.sleep_until(deadline).await,
         }

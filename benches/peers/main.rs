@@ -91,23 +91,30 @@ fn compare(seconds: u64) {
                 let mut devices = Devices::start(&own, 5);
                 let contender = Contender::start(program, mode, devices.port, &work.words());
                 std::thread::sleep(WARM_UP);
-                let (before, counted) = (contender.busy(), devices.counts());
+                let (before, woken, counted) = (contender.busy(), contender.wakes(), devices.counts());
                 let begun = Clock::wall().now();
                 std::thread::sleep(span);
                 let passed = Clock::wall().now().since(begun).as_secs_f64();
                 let (core, memory) = (100.0 * (contender.busy() - before) / passed, contender.memory_mb());
+                let wakes = (contender.wakes() - woken) as f64 / passed;
                 let Counts { reads, writes, .. } = devices.counts();
                 let wanted = f64::from(work.devices) * passed / work.period.as_secs_f64();
                 let done = (reads - counted.reads) as f64 / wanted;
-                (core, memory, done, (writes - counted.writes) as f64 / wanted)
+                (core, memory, wakes, done, (writes - counted.writes) as f64 / wanted)
             },
         );
-        let cell = |(core, memory, ..): (f64, f64, f64, f64)| format!("{core:.2}, {memory:.1}");
+        let cell = |(core, memory, ..): (f64, f64, f64, f64, f64)| format!("{core:.2}, {memory:.1}");
         let [limit, libmodbus, tokio_modbus, isotherm] = figures.map(cell);
         println!("{name:<44}{limit:>12}{libmodbus:>12}{tokio_modbus:>14}{isotherm:>12}");
         let shares =
             figures.map(|(.., reads, writes)| format!("{:.1} and {:.1} %", 100.0 * reads, 100.0 * writes));
         println!("{:<44}{}", "    reads and writes of those wanted", shares.join("; "));
+        let [limit, libmodbus, tokio_modbus, isotherm] =
+            figures.map(|(_, _, wakes, ..)| format!("{wakes:.1}"));
+        println!(
+            "{:<44}{limit:>12}{libmodbus:>12}{tokio_modbus:>14}{isotherm:>12}",
+            "    woken so often a second"
+        );
         if let (Some((core, memory)), [.., (found, takes, ..)]) = (most, figures) {
             let is_reached = found < core && takes < memory;
             let reached = if is_reached { "reached" } else { "MISSED" };
@@ -254,12 +261,23 @@ impl Contender {
 
     /// Seconds of the processor, user and system, of all its threads: those that are still there.
     fn busy(&self) -> f64 {
-        let tasks = std::fs::read_dir(format!("/proc/{}/task", self.0.id())).unwrap();
-        let spent = |task: std::fs::DirEntry| {
-            let text = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
-            text.split_whitespace().next()?.parse::<f64>().ok()
+        let spent = |text: &str| -> Option<f64> { text.split_whitespace().next()?.parse().ok() };
+        1e-9 * self.of_threads("schedstat", spent).sum::<f64>()
+    }
+
+    /// How often its threads have waited for something, and were woken.
+    fn wakes(&self) -> u64 {
+        let waited = |text: &str| -> Option<u64> {
+            let count = text.split("\nvoluntary_ctxt_switches:").nth(1)?;
+            count.split_whitespace().next()?.parse().ok()
         };
-        1e-9 * tasks.flatten().filter_map(spent).sum::<f64>()
+        self.of_threads("status", waited).sum()
+    }
+
+    /// What this file says of each of its threads.
+    fn of_threads<T>(&self, file: &str, figure: impl Fn(&str) -> Option<T>) -> impl Iterator<Item = T> {
+        let tasks = std::fs::read_dir(format!("/proc/{}/task", self.0.id())).unwrap();
+        tasks.flatten().filter_map(move |task| figure(&std::fs::read_to_string(task.path().join(file)).ok()?))
     }
 
     fn memory_mb(&self) -> f64 {

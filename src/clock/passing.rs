@@ -19,6 +19,10 @@ impl Passing {
         Passing(Some(Arc::new(source)))
     }
 
+    pub(super) fn is_of_the_system(&self) -> bool {
+        self.0.is_none()
+    }
+
     /// Passed since the computer was started (CLOCK_BOOTTIME), suspension included.
     pub fn passed(&self) -> Duration {
         if let Some(source) = &self.0 {

@@ -30,7 +30,9 @@ impl Patience {
         if let Some(timer) = &mut self.timer {
             let deadline = Instant::now() + span;
             if timer.deadline() < deadline {
-                timer.as_mut().reset(deadline);
+                // Another one. The old one, moved, would stay on its wheel until it was due, and wake the computer to be moved
+                // there.
+                timer.set(tokio::time::sleep_until(deadline));
             }
         }
     }

@@ -145,6 +145,39 @@ async fn the_timer_of_a_question_that_was_answered_wakes_nobody_who_rests() {
     assert_eq!(tokio::time::timeout(92 * MILLI, given_up).await, Ok(None));
 }
 
+#[tokio::test]
+async fn a_line_that_rests_for_long_wakes_the_computer_once() {
+    const MILLI: Duration = Duration::from_millis(1);
+    let (mut sleeper, mut patience) = (Clock::wall().join(), Patience::new());
+    let parked = || tokio::runtime::Handle::current().metrics().worker_park_count(0);
+    for _ in 0..3 {
+        assert!(patience.within(90 * MILLI, tokio::time::sleep(5 * MILLI)).await.is_some());
+        patience.put_off((250 + 90) * MILLI);
+        let (begun, before) = (sleeper.now(), parked());
+        let woken = sleeper.sleep(250 * MILLI).await;
+        assert_eq!(parked() - before, 1);
+        assert!(woken.since(begun) >= 250 * MILLI);
+    }
+    let given_up = patience.within(90 * MILLI, std::future::pending::<()>());
+    assert_eq!(tokio::time::timeout(SECOND, given_up).await, Ok(None));
+}
+
+#[tokio::test]
+async fn a_sleeper_that_is_woken_early_sleeps_the_next_time_for_as_long_as_it_is_told() {
+    const MILLI: Duration = Duration::from_millis(1);
+    let clock = Clock::wall();
+    let mut sleeper = clock.join();
+    let wakeup = sleeper.wakeup();
+    for _ in 0..3 {
+        // It rings while nobody waits for it.
+        let begun = clock.now();
+        tokio::join!(sleeper.sleep(70 * MILLI), async { wakeup.wake() });
+        tokio::time::sleep(75 * MILLI).await;
+        sleeper.sleep(80 * MILLI).await;
+        assert!(clock.now().since(begun) >= 155 * MILLI);
+    }
+}
+
 /// Wakes a sleeper for every message, on a thread of its own, until an empty one comes.
 async fn hear_and_ring(reader: tokio::net::UnixDatagram, inlet: Inlet, wakeup: Wakeup) {
     while reader.readable().await.is_ok() {

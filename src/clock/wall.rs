@@ -48,7 +48,7 @@ impl fmt::Debug for TimeOfDay {
 pub(super) struct Wall {
     anchor: Moment,
     started: Duration,
-    passing: Passing,
+    pub(super) passing: Passing,
     pub(super) time_of_day: TimeOfDay,
 }
 
