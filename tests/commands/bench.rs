@@ -90,11 +90,24 @@ impl Bench {
         }
     }
 
-    /// What `isotherm events` has to say, with these options.
+    /// What `isotherm events` has to say, with these options, of all that has happened so far: it is in the file a moment
+    /// after it is on the page.
     pub(crate) fn events(&self, options: &[&str]) -> Vec<Value> {
-        let (code, said) = self.ask(&[&["events", "--json"], options].concat());
-        assert_eq!(code, 0, "{said}");
-        said.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|_| panic!("{line}"))).collect()
+        let read = |options: &[&str]| -> Vec<Value> {
+            let (code, said) = self.ask(&[&["events", "--json"], options].concat());
+            assert_eq!(code, 0, "{said}");
+            said.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|_| panic!("{line}"))).collect()
+        };
+        let status = self.status();
+        let last = status["events"].as_array().unwrap().last();
+        let is_last = |event: &Value| {
+            ["at", "kind", "text"].iter().all(|of| Some(&event[of]) == last.map(|last| &last[of]))
+        };
+        until("it is in the file of events", || match read(&[]) {
+            events if last.is_none() || events.iter().any(is_last) => Ok(()),
+            events => Err(format!("{last:?} is not among {events:#?}")),
+        });
+        read(options)
     }
 
     /// The sentences of the events of a kind.
