@@ -12,7 +12,8 @@ fn a_gateway_is_ready_when_its_lines_were_tried_and_says_in_words_what_it_does()
     service.manager.hears("WATCHDOG=1");
     service.walks_to(50);
     assert_eq!(service.verb(&["disarm"]).status.code(), Some(0));
-    assert_eq!(service.manager.hears("STATUS=").trim(), "STATUS=z off");
+    // On a busy computer an answer of the device may have been lost before.
+    service.manager.hears("STATUS=z off\n");
     // The first words may have come with or after the readiness.
     let heard = service.manager.heard.join("");
     assert!(heard.contains("STATUS=z compensating\n"), "{heard}");
