@@ -111,7 +111,8 @@ impl Peer {
             return Ok(());
         }
         self.lane.tries();
-        self.say(lie).await?;
+        self.lane.leaves_open(true);
+        let said = self.say(lie).await;
         let turned = self.lane.turned();
         tokio::time::sleep(HANDED_ON).await;
         while self.lane.turned() == turned {
@@ -120,7 +121,8 @@ impl Peer {
         if self.is_asked() {
             self.lane.voids();
         }
-        Ok(())
+        self.lane.leaves_open(false);
+        said
     }
 
     /// Whether a question waits, or the other end has gone: what is said now would come after the question.

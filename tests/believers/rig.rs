@@ -64,6 +64,8 @@ pub(crate) struct Lane {
     turns: AtomicU32,
     /// Right answers until what is shown is again of its device's making only.
     void: AtomicU32,
+    /// Whether the last attempt was one is not known yet.
+    is_unsettled: AtomicBool,
     /// What its device has not said yet.
     owed: Mutex<Option<Vec<u8>>>,
     wrong: Arc<Mutex<Vec<String>>>,
@@ -102,6 +104,11 @@ impl Lane {
 
     pub(crate) fn is_void(&self) -> bool {
         self.void.load(Ordering::SeqCst) > 0
+    }
+
+    /// Whether what comes now is an attempt is only known later. If it was, what it came to is still shown then.
+    pub(crate) fn leaves_open(&self, is_open: bool) {
+        self.is_unsettled.store(is_open, Ordering::SeqCst);
     }
 
     /// Every second time that it is asked, beginning with the first.
@@ -146,7 +153,8 @@ impl Lane {
         let done = status.outputs.iter().find(|one| one.name == *output).map_or(0, |one| one.writes_done);
         let surplus = done.saturating_sub(u64::from(self.written.load(Ordering::SeqCst)));
         self.surplus.fetch_max(u32::try_from(surplus).unwrap(), Ordering::SeqCst);
-        let Some(found) = self.lie(status).filter(|_| !self.is_void()) else { return false };
+        let is_to_be_judged = |_: &String| !self.is_void() && !self.is_unsettled.load(Ordering::SeqCst);
+        let Some(found) = self.lie(status).filter(is_to_be_judged) else { return false };
         let mut wrong = self.wrong.lock().unwrap();
         if !wrong.contains(&found) && wrong.len() < 5 {
             wrong.push(found);
@@ -223,6 +231,7 @@ impl Case {
             behaves: AtomicBool::new(false),
             turns: AtomicU32::new(0),
             void: AtomicU32::new(0),
+            is_unsettled: AtomicBool::new(false),
             owed: Mutex::default(),
             wrong: wrong.clone(),
         };
