@@ -147,11 +147,6 @@ impl Clock {
         matches!(self.source, Source::Simulated(_))
     }
 
-    /// Not by what a test has put in its place, which goes at a pace of its own.
-    fn is_counted_by_the_system(&self) -> bool {
-        matches!(&self.source, Source::Wall(wall) if wall.passing.is_of_the_system())
-    }
-
     /// A virtual time that begins at `start` and runs at most `speed` times as fast as the wall; `None`: as fast as
     /// its sleepers allow.
     pub fn simulated(start: Moment, speed: Option<f64>) -> Clock {
@@ -225,8 +220,11 @@ impl Sleeper {
                     return now;
                 }
                 let left = deadline.since(now);
-                if left > FAR && alarm.is_none() && self.clock.is_counted_by_the_system() {
-                    *alarm = Alarm::new();
+                if left > FAR
+                    && alarm.is_none()
+                    && let Source::Wall(wall) = &self.clock.source
+                {
+                    *alarm = wall.alarm();
                 }
                 match alarm {
                     Some(alarm) if left > FAR => tokio::select! {

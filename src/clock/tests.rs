@@ -163,6 +163,19 @@ async fn a_line_that_rests_for_long_wakes_the_computer_once() {
 }
 
 #[tokio::test]
+async fn a_hundred_sleepers_open_no_hundred_files() {
+    let files = || std::fs::read_dir("/proc/self/fd").unwrap().count();
+    let (clock, before) = (Clock::wall(), files());
+    let mut sleepers: Vec<_> = (0..100).map(|_| clock.join()).collect();
+    for sleeper in &mut sleepers {
+        sleeper.wakeup().wake();
+        sleeper.sleep(SECOND).await;
+    }
+    // Other tests open some as well.
+    assert!(files() < before + 50);
+}
+
+#[tokio::test]
 async fn a_sleeper_that_is_woken_early_sleeps_the_next_time_for_as_long_as_it_is_told() {
     const MILLI: Duration = Duration::from_millis(1);
     let clock = Clock::wall();

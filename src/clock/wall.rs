@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use super::Passing;
+use super::alarm::{Alarm, Given};
 use isotherm_core::quantity::Moment;
 
 /// Counting begins no earlier than 2020, whatever the clock says: a computer without a battery starts in 1970, and what
@@ -48,14 +49,20 @@ impl fmt::Debug for TimeOfDay {
 pub(super) struct Wall {
     anchor: Moment,
     started: Duration,
-    pub(super) passing: Passing,
+    passing: Passing,
     pub(super) time_of_day: TimeOfDay,
+    alarms: Given,
 }
 
 impl Wall {
     pub(super) fn start(passing: Passing, time_of_day: TimeOfDay) -> Wall {
         let anchor = time_of_day.now().max(EARLIEST);
-        Wall { anchor, started: passing.passed(), passing, time_of_day }
+        Wall { anchor, started: passing.passed(), passing, time_of_day, alarms: Given::default() }
+    }
+
+    /// None where time is counted by what a test has put in the system's place, which goes at a pace of its own.
+    pub(super) fn alarm(&self) -> Option<Alarm> {
+        self.passing.is_of_the_system().then(|| Alarm::new(&self.alarms)).flatten()
     }
 
     pub(super) fn now(&self) -> Moment {
