@@ -230,7 +230,8 @@ async fn we_hear_of_cangen_what_candump_hears_to_the_last_byte() {
 /// As fast as it goes, and nothing is lost; what we do not want does not reach us.
 #[tokio::test]
 async fn a_flood_of_cangen_is_survived_and_the_kernel_keeps_it_from_who_does_not_want_it() {
-    const FRAMES: usize = 10_000;
+    // Nothing is read before the last was sent: as many as the receive buffer has room for by Linux 6.12 as well.
+    const FRAMES: usize = 8_000;
     let wanted = CanMatch::exactly(standard(0x185));
     let (all, one) = (open(&everything()), open(&[wanted]));
     can_utils(
