@@ -11,7 +11,7 @@ use isotherm_profile::regular::without_numbers;
 use isotherm_profile::{Axis, Loaded, Profile, one_line};
 
 use crate::cli::say::{Out, say, say_beside};
-use crate::fieldbus::tls;
+use crate::fieldbus::{opcua_check, tls};
 use crate::gateway::control::Failure;
 use crate::gateway::how_to_find_a_model;
 use crate::observe::status::Command;
@@ -265,6 +265,8 @@ fn is_closed_pipe(error: &anyhow::Error) -> bool {
 
 /// Lines of the log that wait for a slow reader; more are lost.
 const UNREAD: usize = 2048;
+/// What the OPC UA library says is said in words of ours; in its own it may name what is secret.
+const SILENT: &str = "opcua_client=off,opcua_core=off,opcua_crypto=off,opcua_types=off";
 
 /// Starts the log on stderr, in the journal's form where that is the journal. A thread of its own writes it, so that nobody
 /// waits for a reader who does not read; what it has not written is written when the guard is dropped.
@@ -275,7 +277,8 @@ fn start_log(filter: &str) -> WorkerGuard {
     use tracing_subscriber::fmt::format::debug_fn;
     use tracing_subscriber::layer::{Layer, SubscriberExt};
     use tracing_subscriber::util::SubscriberInitExt;
-    let filter = EnvFilter::try_new(filter).unwrap_or_else(|_| EnvFilter::new("info"));
+    let filter = EnvFilter::try_new(format!("{filter},{SILENT}"))
+        .unwrap_or_else(|_| EnvFilter::new(format!("info,{SILENT}")));
     let (writer, guard) =
         NonBlockingBuilder::default().buffered_lines_limit(UNREAD).finish(std::io::stderr());
     // What others wrote ends no line and steers no terminal. Any other value than the sentence is quoted.
@@ -349,6 +352,7 @@ fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Re
         None => isotherm_profile::load(path, set, &environment),
     };
     let loaded = loaded.and_then(|loaded| tls::check(&loaded.profile).map(|()| loaded));
+    let loaded = loaded.and_then(|loaded| opcua_check::check(&loaded.profile).map(|()| loaded));
     loaded.or_else(|mut errors| {
         if let (Some(meant), [error]) = (machines::meant(path), errors.0.as_mut_slice()) {
             error.help = Some(format!("did you mean the shipped machine `{meant}`?"));

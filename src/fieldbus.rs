@@ -6,6 +6,8 @@
 //! - [`trace`] — the wire log: every frame, while somebody listens.
 //! - [`canopen`] — what a CANopen master needs, frames in and frames out.
 //! - [`can`] — one CAN interface: frames, error frames, its state, what is asked and written there.
+//! - `opcua` — an OPC UA server, by feature; [`opcua_fault`] — why there is no session with one;
+//!   [`opcua_check`] — what is wrong with such a line in a profile.
 //! - [`tcp`] — sockets that keep nothing back, and Modbus TCP on them; [`tls`] — the same inside TLS.
 //! - [`mod@error`] — what can be wrong, by who is to blame; [`mod@explain`] — what to do about it, in the words that people read.
 //! - [`owed`] — what a unit may still say after a miss on a serial line, and what it may be asked meanwhile.
@@ -22,6 +24,10 @@ pub mod error;
 pub mod explain;
 pub mod line;
 pub mod modbus;
+#[cfg(feature = "opcua")]
+pub mod opcua;
+pub mod opcua_check;
+pub mod opcua_fault;
 pub mod owed;
 mod pdu;
 mod pipeline;
@@ -34,10 +40,16 @@ pub mod tls;
 pub mod trace;
 pub mod wire;
 
-use isotherm_profile::Bus;
+use isotherm_profile::{Bus, Transport};
 
-/// What opens the connections of a Modbus line, by what it is made of. `None` for a CAN interface: it is listened to
+/// What opens the connections of a Modbus line or to an OPC UA server, by what the line is made of. `None` for a CAN interface: it is listened to
 /// before anything is asked there, and who listens opens it.
 pub fn dial(bus: &Bus) -> Option<Box<dyn connection::Dial>> {
+    if bus.transport == Transport::OpcUa {
+        #[cfg(feature = "opcua")]
+        return Some(Box::new(opcua::OpcUaDial::new(bus)?));
+        #[cfg(not(feature = "opcua"))]
+        return Some(Box::new(connection::NotBuiltIn));
+    }
     Some(Box::new(connection::ModbusDial::new(bus)?))
 }

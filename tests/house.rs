@@ -37,6 +37,7 @@ const ARROWS: [(&str, &str, &[&str]); 13] = [
         &[
             "clock",
             "fieldbus::explain",
+            "fieldbus::opcua_check",
             "fieldbus::tls",
             "gateway",
             "observe",

@@ -66,6 +66,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             let is = match bus.transport {
                 Transport::Serial(_) => "is the serial port",
                 Transport::Can => "is on the CAN interface",
+                Transport::OpcUa => "is not played at",
                 Transport::Tcp | Transport::RtuOverTcp => "listens on",
             };
             say!("bus {name} {is} {address}: {}", devices.join(", "))?;

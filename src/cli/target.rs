@@ -7,7 +7,7 @@ use super::load_with;
 use super::values::{self, key_and_value};
 use crate::discovery::Register;
 use crate::discovery::bus::LineAddress;
-use isotherm_profile::{BusId, Profile, Quirks};
+use isotherm_profile::{BusId, Profile, Quirks, Transport};
 
 /// How long an answer is waited for where nothing is said.
 const TIMEOUT: Duration = Duration::from_millis(500);
@@ -69,11 +69,17 @@ impl Target {
     /// A bus of a profile; on CAN nothing has registers.
     pub(super) fn of(profile: Profile, id: BusId, timeout: Option<Duration>) -> anyhow::Result<Line> {
         let mut bus = profile.bus(id).clone();
-        anyhow::ensure!(
-            !bus.transport.is_can(),
-            "bus {} is a CAN line, where nothing has registers; `isotherm read PROFILE` reads its signals",
-            bus.name
-        );
+        let kind = match bus.transport {
+            Transport::Can => Some("a CAN line"),
+            Transport::OpcUa => Some("an OPC UA server"),
+            Transport::Tcp | Transport::RtuOverTcp | Transport::Serial(_) => None,
+        };
+        if let Some(kind) = kind {
+            let name = &bus.name;
+            anyhow::bail!(
+                "bus {name} is {kind}, where nothing has registers; `isotherm read PROFILE` reads its signals"
+            );
+        }
         bus.timeout = timeout.unwrap_or(bus.timeout);
         Ok(Line {
             address: LineAddress::of(&bus),

@@ -48,6 +48,7 @@ impl Asker {
             quirks,
             template: None,
             can: None,
+            source_time: None,
             verify: Vec::new(),
         };
         let devices: Vec<Device> = (0..=u8::MAX).map(device).collect();

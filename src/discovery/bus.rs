@@ -45,6 +45,7 @@ impl LineAddress {
             transport: self.transport,
             address: self.address.clone(),
             tls: None,
+            opcua: None,
             timeout,
             late: self.transport.late(timeout),
             pipeline: 1,
@@ -60,6 +61,7 @@ impl LineAddress {
             Transport::RtuOverTcp => ("modbus-rtu-over-tcp", "address"),
             Transport::Serial(_) => ("modbus-rtu", "port"),
             Transport::Can => ("can", "interface"),
+            Transport::OpcUa => ("opcua", "address"),
         };
         let serial = match self.transport {
             Transport::Serial(Serial { baud, parity, stop_bits }) => {
@@ -78,7 +80,7 @@ impl fmt::Display for LineAddress {
             Transport::Tcp => write!(f, "tcp://{}", self.address),
             Transport::RtuOverTcp => write!(f, "rtu+tcp://{}", self.address),
             Transport::Serial(serial) => write!(f, "{} at {serial}", self.address),
-            Transport::Can => f.write_str(&self.address),
+            Transport::Can | Transport::OpcUa => f.write_str(&self.address),
         }
     }
 }

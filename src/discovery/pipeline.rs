@@ -30,7 +30,9 @@ pub async fn tried(profile: &Profile) -> Vec<Tried> {
     let pipelined = profile.buses.iter().enumerate().filter(|(_, bus)| bus.pipeline > 1);
     for (place, bus) in pipelined {
         for (id, device) in profile.devices_on(BusId(place)) {
-            let Some(request) = profile.requests(id).first().map(|request| request.asks.into()) else {
+            let Some(request) =
+                profile.requests(id).first().and_then(|request| Request::in_registers(&request.asks))
+            else {
                 continue;
             };
             let fault = in_pairs(bus, (id, device), request).await.err();

@@ -140,11 +140,13 @@ fn how(answer: &Result<Answer, Fault>) -> Option<How> {
     match answer {
         Ok(Answer::Registers(registers)) => registers.first().copied().map(How::Value),
         Ok(Answer::Bits(bits)) => bits.first().map(|bit| How::Value(u16::from(*bit))),
-        Ok(Answer::Done) => None,
+        Ok(Answer::Done | Answer::Nodes(_)) => None,
         Err(Fault::Exception(10 | 11)) => None,
         Err(Fault::Exception(code)) => Some(How::Exception(*code)),
         Err(fault @ Fault::Peer(_)) => Some(How::Garbled(fault.to_string())),
-        Err(Fault::Timeout | Fault::Link(_) | Fault::Caller(_) | Fault::Aborted(_)) => None,
+        Err(Fault::Timeout | Fault::Link(_) | Fault::Caller(_) | Fault::Aborted(_) | Fault::Status(_)) => {
+            None
+        }
     }
 }
 

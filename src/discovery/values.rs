@@ -70,7 +70,7 @@ impl Form {
                     register_value(from, place, bit.clone(), vec![Reading { way: "", value: bit }])
                 })
                 .collect(),
-            Answer::Done => Vec::new(),
+            Answer::Done | Answer::Nodes(_) => Vec::new(),
         }
     }
 

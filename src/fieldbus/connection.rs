@@ -8,6 +8,8 @@ use super::departure::Departure;
 use super::eager::Eager;
 use super::error::{Fault, LinkFault, TlsFault};
 use super::modbus::ModbusTcp;
+#[cfg(not(feature = "opcua"))]
+use super::opcua_fault::OpcUaFault;
 use super::rtu::Rtu;
 use super::serial::SerialPort;
 use super::tcp::connected;
@@ -51,14 +53,14 @@ enum Over {
 
 impl ModbusDial {
     /// To the address of this bus; what the other end of a TCP connection has not confirmed within the bus's timeout
-    /// breaks it. `None` for CAN.
+    /// breaks it. `None` for CAN and OPC UA.
     pub(super) fn new(bus: &Bus) -> Option<ModbusDial> {
         let over = match (&bus.transport, &bus.tls) {
             (Transport::Tcp, None) => Over::Tcp,
             (Transport::Tcp, Some(tls)) => Over::Tls(Client::new(tls).ok()),
             (Transport::RtuOverTcp, _) => Over::RtuOverTcp,
             (Transport::Serial(serial), _) => Over::Serial(*serial),
-            (Transport::Can, _) => return None,
+            (Transport::Can | Transport::OpcUa, _) => return None,
         };
         Some(ModbusDial { address: bus.address.clone(), timeout: bus.timeout, over })
     }
@@ -95,6 +97,17 @@ impl Dial for ModbusDial {
 
     fn takes(&self) -> Duration {
         if matches!(self.over, Over::Tls(_)) { tls::HANDSHAKE } else { Duration::ZERO }
+    }
+}
+
+/// Opens nothing: what the line needs is not in this program.
+#[cfg(not(feature = "opcua"))]
+pub(super) struct NotBuiltIn;
+
+#[cfg(not(feature = "opcua"))]
+impl Dial for NotBuiltIn {
+    fn dial<'a>(&'a mut self, _: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
+        Box::pin(std::future::ready(Err(Fault::Link(LinkFault::OpcUa(OpcUaFault::NotBuiltIn)))))
     }
 }
 

@@ -1,7 +1,8 @@
 //! What went wrong on the fieldbus, by who is to blame.
 
 use super::canopen::abort::AbortCode;
-use isotherm_core::reading::{Reason, exception};
+use super::opcua_fault::OpcUaFault;
+use isotherm_core::reading::{Reason, Status, exception};
 
 /// Why a request has no answer. Small, so that a test is one comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
@@ -21,6 +22,9 @@ pub enum Fault {
     /// The device says no, with this SDO abort code.
     #[error("refused: {0}")]
     Aborted(AbortCode),
+    /// The server says no, with this status of OPC UA.
+    #[error("the server answers {0}")]
+    Status(Status),
     /// No answer in time.
     #[error("no answer in time")]
     Timeout,
@@ -91,6 +95,9 @@ pub enum LinkFault {
     /// The CAN interface.
     #[error("{0}")]
     Can(CanFault),
+    /// No session with an OPC UA server.
+    #[error("{0}")]
+    OpcUa(OpcUaFault),
     /// It is down, and not yet time to try again.
     #[error("no connection")]
     Down,
@@ -197,6 +204,9 @@ pub enum PeerFault {
     /// An object of another width than its type.
     #[error("the object has another width than its type in the profile")]
     Width,
+    /// A node of another type than in the profile.
+    #[error("the node has another type than the profile says")]
+    Type,
     /// Nothing that the protocol knows.
     #[error("reply is none that the protocol knows")]
     Malformed,
@@ -225,7 +235,7 @@ impl Fault {
             Fault::Caller(_) => "caller",
             Fault::Link(_) => "link",
             Fault::Peer(_) => "peer",
-            Fault::Exception(_) | Fault::Aborted(_) => "exception",
+            Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_) => "exception",
             Fault::Timeout => "timeout",
         }
     }
@@ -235,7 +245,7 @@ impl Fault {
 
     /// The device has answered, and it says no.
     pub const fn is_refusal(self) -> bool {
-        matches!(self, Fault::Exception(_) | Fault::Aborted(_))
+        matches!(self, Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_))
     }
 
     /// A gateway in between has answered for a device that does not.
@@ -252,6 +262,7 @@ impl Fault {
             // It never left the house.
             Fault::Caller(_) | Fault::Exception(1..=3) => Outcome::NotDone,
             Fault::Aborted(AbortCode(code)) if code >> 24 == 0x06 => Outcome::NotDone,
+            Fault::Status(status) if is_not_done(status) => Outcome::NotDone,
             Fault::Link(
                 LinkFault::Refused
                 | LinkFault::Unresolved
@@ -262,9 +273,18 @@ impl Fault {
                 | LinkFault::Busy
                 | LinkFault::Unsuited
                 | LinkFault::Contested
+                | LinkFault::OpcUa(_)
                 | LinkFault::Down,
             ) => Outcome::NotDone,
             _ => Outcome::Unknown,
+        }
+    }
+
+    /// Why the value of a node cannot be believed.
+    pub(super) const fn of_a_node(reason: Reason) -> Fault {
+        match reason {
+            Reason::Status(code) => Fault::Status(Status(code)),
+            _ => Fault::Peer(PeerFault::Type),
         }
     }
 
@@ -279,7 +299,12 @@ impl Fault {
 
     /// Whether the connection can no longer be trusted: what still arrives on it may answer an older question.
     pub const fn spoils_connection(self) -> bool {
-        matches!(self, Fault::Link(_) | Fault::Peer(_) | Fault::Timeout)
+        match self {
+            // The answer is the one to the question; it is the profile that is wrong.
+            Fault::Peer(PeerFault::Type) => false,
+            Fault::Link(_) | Fault::Peer(_) | Fault::Timeout => true,
+            _ => false,
+        }
     }
 
     /// There is no connection at all: what is wrong is the line, not one of its devices.
@@ -292,9 +317,17 @@ impl Fault {
         match self {
             Fault::Exception(code) => Reason::Exception(code),
             Fault::Aborted(_) => Reason::Refused,
+            Fault::Status(Status(code)) => Reason::Status(code),
+            Fault::Peer(PeerFault::Type) => Reason::WrongType,
             Fault::Timeout => Reason::Timeout,
             Fault::Link(_) => Reason::LinkDown,
             Fault::Peer(_) | Fault::Caller(_) => Reason::BadReply,
         }
     }
+}
+
+/// The answers to a write that say it was not done: BadNotWritable, BadTypeMismatch, BadUserAccessDenied, BadNodeIdUnknown,
+/// BadOutOfRange. Any other may come of a server that has handed the value on already.
+const fn is_not_done(status: Status) -> bool {
+    matches!(status.0 >> 16, 0x803b | 0x8074 | 0x801f | 0x8034 | 0x803c)
 }

@@ -55,6 +55,25 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
             "on a serial line: baud rate, parity, or two units with one number; over TCP: is it RTU over TCP?"
         }
         Fault::Peer(PeerFault::Foreign) => "is another master on the line?",
+        Fault::Peer(PeerFault::Type) => {
+            "write the node's own `type`; of a signal it may be left out, and any number is taken"
+        }
+        Fault::Status(status) if status.is(0x801f_0000) => {
+            "the user of the line lacks the right: give it that at the server, or write another `user`"
+        }
+        Fault::Status(status) if status.is(0x803b_0000) => {
+            "the server lets nobody write it: is it the right node, is writing switched on there?"
+        }
+        Fault::Status(status) if status.is(0x8074_0000) => {
+            "the node has another type: write its own at the output; a browser of the server shows it"
+        }
+        Fault::Status(status) if status.is(0x8034_0000) => {
+            "there is no such node: is its name right, is its namespace (`ns`) still the same after an update of the server?"
+        }
+        Fault::Status(status) if status.is(0x803c_0000) => {
+            "the server takes no such value there: is the scale right, are the axis's limit and the node's range?"
+        }
+        Fault::Status(_) => "the server's own log or display says why",
         _ => return None,
     })
 }

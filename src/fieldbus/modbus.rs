@@ -66,7 +66,7 @@ impl ModbusTcp {
         request: Request<'_>,
         departure: &mut Departure,
     ) -> Result<Answer, Fault> {
-        if matches!(request, Request::Can(_)) {
+        if matches!(request, Request::Can(_) | Request::Nodes(_)) {
             return Err(Fault::Caller(CallerFault::Function));
         }
         let open = self.behind.unanswered();

@@ -1,6 +1,11 @@
 //! What a device is asked, over whatever transport, and what its answer brings.
 
-use isotherm_core::codec::{Address, BitField, CanId, DataType, Encoding, Field, Object, Register};
+use std::time::Duration;
+
+use super::error::Fault;
+use isotherm_core::codec::{
+    Address, BitField, CanId, DataType, Encoded, Encoding, Field, Node, Object, Register,
+};
 use isotherm_core::reading::Reason;
 use isotherm_profile::Functions;
 use isotherm_profile::plan::{self, ReadTarget};
@@ -38,6 +43,42 @@ pub enum Request<'a> {
     },
     /// Of a CAN line, where nothing is a register.
     Can(CanRequest<'a>),
+    /// Of an OPC UA server.
+    Nodes(NodeRequest<'a>),
+}
+
+/// One request to an OPC UA server.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NodeRequest<'a> {
+    /// The values of these nodes are read.
+    Read(&'a [Node]),
+    /// The value of one is written.
+    Write {
+        /// Which.
+        node: &'a Node,
+        /// Its new value, the most significant register first.
+        values: &'a [u16],
+    },
+}
+
+/// What a server says of one node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NodeReading {
+    /// Its value as registers, the most significant first; or why there is none.
+    pub value: Result<Encoded, Reason>,
+    /// What it is stamped with, beside the server's own time.
+    pub stamped: Stamped,
+}
+
+/// When a value was taken at its source, by the clock of the server that sends it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stamped {
+    /// Nobody knows: one of the two times is missing.
+    Unknown,
+    /// So long ago.
+    Ago(Duration),
+    /// Later than now: one of the clocks is wrong.
+    Ahead,
 }
 
 /// One request to one device on a CAN line.
@@ -73,25 +114,54 @@ pub enum Answer {
     Registers(Vec<u16>),
     /// Exactly as many bits as were asked for.
     Bits(Vec<bool>),
+    /// As many nodes as were asked for, in this order.
+    Nodes(Vec<NodeReading>),
     /// A write, repeated as it was sent.
     Done,
 }
 
-impl From<ReadTarget> for Request<'static> {
-    fn from(asked: ReadTarget) -> Request<'static> {
+impl<'a> From<&'a ReadTarget> for Request<'a> {
+    fn from(asked: &'a ReadTarget) -> Request<'a> {
         match asked {
-            ReadTarget::Registers { from, count } => Request::Read { from, count },
-            ReadTarget::Object(object) => Request::Can(CanRequest::Read { object }),
+            ReadTarget::Registers { from, count } => Request::Read { from: *from, count: *count },
+            ReadTarget::Object(object) => Request::Can(CanRequest::Read { object: *object }),
+            ReadTarget::Nodes(nodes) => Request::Nodes(NodeRequest::Read(nodes)),
         }
     }
 }
 
 impl Answer {
-    /// The registers that it brings; none where it brings something else.
+    /// The registers that it brings, or those of its only node; none where it brings something else.
     pub fn registers(&self) -> &[u16] {
         match self {
             Answer::Registers(registers) => registers,
+            Answer::Nodes(nodes) => match nodes.as_slice() {
+                [NodeReading { value: Ok(value), .. }] => value.registers(),
+                _ => &[],
+            },
             Answer::Bits(_) | Answer::Done => &[],
+        }
+    }
+
+    /// It, where every node in it can be believed.
+    ///
+    /// # Errors
+    /// What the server says of the first that cannot.
+    pub fn believed(self) -> Result<Answer, Fault> {
+        let Answer::Nodes(nodes) = &self else { return Ok(self) };
+        match nodes.iter().find_map(|node| node.value.err()) {
+            Some(reason) => Err(Fault::of_a_node(reason)),
+            None => Ok(self),
+        }
+    }
+
+    /// When this part of it was stamped.
+    pub fn stamped(&self, field: &plan::Field) -> Stamped {
+        match self {
+            Answer::Nodes(nodes) => {
+                nodes.get(usize::from(field.at)).map_or(Stamped::Unknown, |node| node.stamped)
+            }
+            _ => Stamped::Unknown,
         }
     }
 
@@ -104,6 +174,9 @@ impl Answer {
         match self {
             Answer::Registers(registers) => encoding.decode(registers.get(from..to).ok_or(Reason::BadReply)?),
             Answer::Bits(bits) => encoding.decode_bit(*bits.get(from).ok_or(Reason::BadReply)?),
+            Answer::Nodes(nodes) => {
+                encoding.decode(nodes.get(from).ok_or(Reason::BadReply)?.value?.registers())
+            }
             Answer::Done => Err(Reason::BadReply),
         }
     }
@@ -111,18 +184,32 @@ impl Answer {
 
 impl<'a> Request<'a> {
     /// What reads a value of this type there; `None` where nobody can be asked for it.
-    pub fn read(at: &Address, data_type: DataType) -> Option<Request<'static>> {
-        ReadTarget::of(at, data_type).map(Request::from)
+    pub fn read(at: &'a Address, data_type: DataType) -> Option<Request<'a>> {
+        match at {
+            Address::Modbus(from) => Some(Request::Read { from: *from, count: data_type.registers() }),
+            Address::Object(object) => Some(Request::Can(CanRequest::Read { object: *object })),
+            Address::Frame(_) => None,
+            Address::Node(node) => Some(Request::Nodes(NodeRequest::Read(std::slice::from_ref(node)))),
+        }
+    }
+
+    /// What reads registers there, which may go out behind another question; `None` for anything else.
+    pub const fn in_registers(asked: &ReadTarget) -> Option<Request<'static>> {
+        match asked {
+            ReadTarget::Registers { from, count } => Some(Request::Read { from: *from, count: *count }),
+            ReadTarget::Object(_) | ReadTarget::Nodes(_) => None,
+        }
     }
 
     /// What writes these values there, by the functions that the device may be sent.
-    pub fn write(at: &Address, values: &'a [u16], functions: Functions) -> Request<'a> {
+    pub fn write(at: &'a Address, values: &'a [u16], functions: Functions) -> Request<'a> {
         match at {
             Address::Modbus(Register { offset, .. }) => Request::write_holding(*offset, values, functions),
             Address::Object(object) => Request::Can(CanRequest::Write { object: *object, values }),
             Address::Frame(Field { frames, bits, .. }) => {
                 Request::Can(CanRequest::Send { id: frames.id, bits: *bits, values })
             }
+            Address::Node(node) => Request::Nodes(NodeRequest::Write { node, values }),
         }
     }
 
@@ -141,13 +228,18 @@ impl<'a> Request<'a> {
             Request::WriteCoil { .. } => 5,
             Request::WriteSingle { .. } => 6,
             Request::WriteMultiple { .. } => 16,
-            Request::Can(_) => 0,
+            Request::Can(_) | Request::Nodes(_) => 0,
         }
     }
 
     /// It changes nothing.
     pub const fn is_read(self) -> bool {
-        matches!(self, Request::Read { .. } | Request::Can(CanRequest::Read { .. }))
+        matches!(
+            self,
+            Request::Read { .. }
+                | Request::Can(CanRequest::Read { .. })
+                | Request::Nodes(NodeRequest::Read(_))
+        )
     }
 
     /// Whether one request can carry it.
@@ -160,7 +252,8 @@ impl<'a> Request<'a> {
             Request::WriteMultiple { at, values } => {
                 (at, u16::try_from(values.len()).unwrap_or(u16::MAX), 123)
             }
-            Request::Can(_) => return true,
+            Request::Nodes(NodeRequest::Read(nodes)) => return !nodes.is_empty(),
+            Request::Can(_) | Request::Nodes(NodeRequest::Write { .. }) => return true,
         };
         (1..=most).contains(&count) && u32::from(at) + u32::from(count) <= 65536
     }

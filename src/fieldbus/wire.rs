@@ -11,7 +11,7 @@ use super::departure::Departure;
 use super::error::Fault;
 use super::owed::Mark;
 
-pub use super::request::{Answer, CanRequest, Request};
+pub use super::request::{Answer, CanRequest, NodeReading, NodeRequest, Request, Stamped};
 
 /// A future that a trait object can return.
 pub type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;

@@ -111,8 +111,9 @@ impl Inspection {
                 wrong.push(expected.unreadable(Fault::Caller(CallerFault::Function)));
                 continue;
             };
-            match line.request(self.device, request, Leave::Whenever).await {
-                Ok(found) => wrong.extend(expected.mismatch(registers(&found.answer).registers())),
+            let found = line.request(self.device, request, Leave::Whenever).await;
+            match found.and_then(|found| found.answer.believed()) {
+                Ok(found) => wrong.extend(expected.mismatch(registers(&found).registers())),
                 Err(fault) if fault.is_refusal() => wrong.push(expected.unreadable(fault)),
                 Err(fault) => {
                     self.missed += 1;
@@ -177,7 +178,7 @@ fn named(setup: &Setup) -> String {
 
 fn registers(answer: &Answer) -> Encoded {
     match answer {
-        Answer::Registers(registers) => Encoded::of(registers),
+        Answer::Registers(_) | Answer::Nodes(_) => Encoded::of(answer.registers()),
         Answer::Bits(bits) => {
             Encoded::of(&bits.iter().take(1).map(|bit| u16::from(*bit)).collect::<Vec<_>>())
         }

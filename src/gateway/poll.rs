@@ -34,6 +34,7 @@ mod captures;
 mod outputs;
 mod pulse;
 mod read;
+mod stamps;
 #[cfg(test)]
 mod tests;
 

@@ -151,7 +151,7 @@ pub(crate) fn planner(data: &[u8]) {
     let requests = plan(&device, signals.iter().enumerate().map(|(place, signal)| (SignalId(place), signal)));
     let mut read = vec![0; signals.len()];
     for request in &requests {
-        assert!(Request::from(request.asks).fits(), "{request:?}");
+        assert!(Request::from(&request.asks).fits(), "{request:?}");
         let answer = bytes.answer();
         for field in &request.fields {
             read[field.signal.0] += 1;

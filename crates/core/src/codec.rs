@@ -15,6 +15,7 @@ mod checksum;
 mod counter;
 mod data_type;
 mod field;
+mod node;
 mod object;
 mod scale;
 
@@ -25,6 +26,7 @@ pub use checksum::checksum;
 pub use counter::{Counter, Motion, Tracked};
 pub use data_type::DataType;
 pub use field::{Field, Selector};
+pub use node::{Identifier, Node, NodeId, Scalar};
 pub use object::{Entry, Object};
 pub use scale::Scale;
 

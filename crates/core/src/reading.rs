@@ -7,6 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::Moment;
 
+mod status;
+
+pub use status::Status;
+
 /// Which signal of the profile: its place in the profile's list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct SignalId(pub usize);
@@ -66,6 +70,12 @@ pub enum Reason {
     Exception(u8),
     /// The node refuses to give the object.
     Refused,
+    /// The server gives it with this status of OPC UA, which is not good.
+    Status(u32),
+    /// The node has another type than the profile says.
+    WrongType,
+    /// What the value was stamped with is later than the time of the server that sends it.
+    SourceClock,
     /// The device did not answer in time.
     Timeout,
     /// No connection to the device.
@@ -139,6 +149,9 @@ impl Reason {
             Reason::TooFast => "too-fast",
             Reason::Exception(_) => "exception",
             Reason::Refused => "refused",
+            Reason::Status(_) => "status",
+            Reason::WrongType => "wrong-type",
+            Reason::SourceClock => "source-clock",
             Reason::Timeout => "timeout",
             Reason::LinkDown => "link-down",
             Reason::BadReply => "bad-reply",
@@ -184,6 +197,9 @@ impl fmt::Display for Reason {
             Reason::TooFast => "changing too fast",
             Reason::Exception(code) => return write!(f, "exception {code} ({})", exception(*code)),
             Reason::Refused => "the node refuses to give it",
+            Reason::Status(code) => return write!(f, "{}", Status(*code)),
+            Reason::WrongType => "the node has another type than the profile says",
+            Reason::SourceClock => "stamped later than its server's own time: a clock is wrong",
             Reason::Timeout => "no answer in time",
             Reason::LinkDown => "no connection",
             Reason::BadReply => "wrong reply",

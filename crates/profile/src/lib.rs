@@ -44,6 +44,7 @@ pub use tables::axis::Axis;
 pub use tables::axis::model::network;
 pub use tables::axis::model::seals::sha256;
 pub use tables::axis::probe::ProbeInput;
+pub use tables::bus::opcua::{NamedFile, OpcUa, Security, User};
 pub use tables::bus::serial::{Parity, Serial};
 pub use tables::bus::tls::{TLS_PORT, Tls};
 pub use tables::bus::{Bus, Sync, Transport};
@@ -57,6 +58,7 @@ pub use tables::heartbeat::Heartbeat;
 pub use tables::history::History;
 pub use tables::label::labelled;
 pub use tables::machine::{Arm, OnStop};
+pub use tables::opcua::SourceTime;
 pub use tables::output::Output;
 pub use tables::output::applied::Applied;
 pub use tables::output::display::{Beside, Display, Shown, Stale};
@@ -192,6 +194,12 @@ impl Profile {
     /// Those of them that read registers: without the objects of a CANopen node.
     pub fn register_requests(&self, device: DeviceId) -> Vec<plan::ReadRequest> {
         self.requests(device).into_iter().filter(|request| request.span().is_some()).collect()
+    }
+
+    /// Those of them that read nodes of an OPC UA server.
+    pub fn node_requests(&self, device: DeviceId) -> Vec<plan::ReadRequest> {
+        let reads_nodes = |request: &plan::ReadRequest| matches!(request.asks, plan::ReadTarget::Nodes(_));
+        self.requests(device).into_iter().filter(reads_nodes).collect()
     }
 
     /// The CANopen objects of a device that are in use, each once: as checks, signals and outputs name them, in this order.

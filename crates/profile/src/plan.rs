@@ -2,14 +2,14 @@
 //!
 //! Neighbours in one table share a request, also across a few registers that nobody asked for: a request costs a
 //! round trip, a register two bytes. A device that refuses registers it does not have wants `max_gap = 0`; one that
-//! serves a register wrongly among others has signals with `merge = false`. A CANopen object is a request of its own, and
-//! what comes in CAN frames is not asked for.
+//! serves a register wrongly among others has signals with `merge = false`. A CANopen object is a request of its own, what
+//! comes in CAN frames is not asked for, and all nodes of an OPC UA server are one request.
 
 use std::fmt;
 
 use crate::document::Section;
 use crate::{Device, Profile, Quirks, Signal};
-use isotherm_core::codec::{Address, DataType, Object, Register};
+use isotherm_core::codec::{Address, DataType, Node, Object, Register};
 use isotherm_core::reading::SignalId;
 
 /// Most coils or discrete inputs that one request may ask for, by the protocol.
@@ -25,7 +25,7 @@ pub struct ReadRequest {
 }
 
 /// What one read request asks for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ReadTarget {
     /// Neighbours of one table.
     Registers {
@@ -36,6 +36,8 @@ pub enum ReadTarget {
     },
     /// One object of a CANopen node.
     Object(Object),
+    /// Nodes of an OPC UA server, each a field of the answer.
+    Nodes(Vec<Node>),
 }
 
 /// The part of an answer that is one signal.
@@ -43,9 +45,9 @@ pub enum ReadTarget {
 pub struct Field {
     /// Whose.
     pub signal: SignalId,
-    /// Its first register or bit, counted from the beginning of the answer.
+    /// Its first register or bit, or its node, counted from the beginning of the answer.
     pub at: u16,
-    /// How many registers or bits.
+    /// How many registers or bits; of a node, those of its value.
     pub len: u16,
 }
 
@@ -59,10 +61,16 @@ pub fn plan<'a>(
     let quirks = &device.quirks;
     let mut requests: Vec<ReadRequest> = Vec::new();
     let mut together: Vec<ReadRequest> = Vec::new();
+    let mut nodes: Vec<(Field, Vec<Node>)> = Vec::new();
     for (id, signal) in signals {
         let data_type = signal.encoding.data_type;
         let Some(asks) = ReadTarget::of(&signal.address, data_type) else { continue };
-        let fields = vec![Field { signal: id, at: 0, len: data_type.registers() }];
+        let len = data_type.registers();
+        let fields = vec![Field { signal: id, at: 0, len }];
+        if let ReadTarget::Nodes(node) = asks {
+            nodes.push((Field { signal: id, at: 0, len }, node));
+            continue;
+        }
         let shares = signal.merge && !quirks.one_request_per_field && signal.address.register().is_some();
         if shares { &mut together } else { &mut requests }.push(ReadRequest { asks, fields });
     }
@@ -75,25 +83,35 @@ pub fn plan<'a>(
         }
     }
     requests.extend(merged);
+    requests.extend(all_nodes(nodes));
     requests.sort_by_key(ReadRequest::rank);
     requests
 }
 
+/// The one request that reads all of these.
+fn all_nodes(nodes: Vec<(Field, Vec<Node>)>) -> Option<ReadRequest> {
+    let numbered = nodes.iter().zip(0..);
+    let fields: Vec<Field> = numbered.map(|((field, _), at)| Field { at, ..*field }).collect();
+    let nodes = nodes.into_iter().flat_map(|(_, node)| node).collect();
+    (!fields.is_empty()).then_some(ReadRequest { asks: ReadTarget::Nodes(nodes), fields })
+}
+
 impl ReadTarget {
     /// What reads a value of this type there; `None` where nobody can be asked for it.
-    pub const fn of(at: &Address, data_type: DataType) -> Option<ReadTarget> {
+    pub fn of(at: &Address, data_type: DataType) -> Option<ReadTarget> {
         match at {
             Address::Modbus(from) => {
                 Some(ReadTarget::Registers { from: *from, count: data_type.registers() })
             }
             Address::Object(object) => Some(ReadTarget::Object(*object)),
+            Address::Node(node) => Some(ReadTarget::Nodes(vec![node.clone()])),
             Address::Frame(_) => None,
         }
     }
 }
 
 impl ReadRequest {
-    /// The first register or bit, and how many; `None` for an object.
+    /// The first register or bit, and how many; `None` for an object and for nodes.
     pub const fn span(&self) -> Option<(Register, u16)> {
         if let ReadTarget::Registers { from, count } = self.asks { Some((from, count)) } else { None }
     }
@@ -142,9 +160,11 @@ impl ReadRequest {
 /// `read input:0..7 (30001..30008), 8 registers`.
 impl fmt::Display for ReadRequest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (first, count) = match self.asks {
-            ReadTarget::Registers { from, count } => (from, count),
+        let (first, count) = match &self.asks {
+            ReadTarget::Registers { from, count } => (*from, *count),
             ReadTarget::Object(object) => return write!(f, "read {object}"),
+            ReadTarget::Nodes(nodes) if nodes.len() == 1 => return write!(f, "read 1 node"),
+            ReadTarget::Nodes(nodes) => return write!(f, "read {} nodes", nodes.len()),
         };
         let last = Register { offset: first.offset.saturating_add(count - 1), ..first };
         let plural = if count == 1 { "" } else { "s" };

@@ -21,7 +21,7 @@ use crate::template::Templates;
 use axis::{Axis, RawAxis};
 use bus::periods::Periods;
 use bus::{Bus, RawBus};
-use device::{Device, RawDevice};
+use device::{Device, LineKind, RawDevice};
 use heartbeat::RawHeartbeat;
 use history::RawHistory;
 use isotherm_core::compensation::settings::MachineSettings;
@@ -48,6 +48,7 @@ mod line_time;
 mod loose_ends;
 pub(crate) mod machine;
 mod mqtt;
+pub(crate) mod opcua;
 pub(crate) mod output;
 pub(crate) mod quirks;
 pub(crate) mod register;
@@ -236,6 +237,7 @@ impl Check<'_> {
         }
         can::written_frames(self);
         can::conflicts(self);
+        opcua::one_writer_each(self);
         claims::check(self, heartbeat.as_ref());
         line_time::check(self);
         loose_ends::warn(self);
@@ -306,9 +308,9 @@ impl Check<'_> {
         At { check: self, path: String::new() }.key(key)
     }
 
-    /// Whether a device hangs on a CAN line; `None` where it or its line is not known.
-    fn is_on_can(&self, device: Option<&String>) -> Option<bool> {
-        self.raw.device.get(device?)?.is_on_can(self)
+    /// What a device understands; `None` where it or its line is not known.
+    fn line_kind(&self, device: Option<&String>) -> Option<LineKind> {
+        self.raw.device.get(device?)?.line_kind(self)
     }
 
     /// The line of a device.

@@ -145,6 +145,7 @@ fn line_of(timeout: Duration, change: impl Fn(&mut Device)) -> (Rig, Shared) {
         transport: isotherm_profile::Transport::Tcp,
         address: String::new(),
         tls: None,
+        opcua: None,
         timeout,
         late: Duration::from_secs(30),
         pipeline: 1,
@@ -162,6 +163,7 @@ fn line_of(timeout: Duration, change: impl Fn(&mut Device)) -> (Rig, Shared) {
             verify: Vec::new(),
             template: None,
             can: None,
+            source_time: None,
             quirks: Quirks::default(),
         };
         change(&mut device);

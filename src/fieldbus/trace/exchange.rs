@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde::{Serialize, Serializer};
 
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::request::{Answer, CanRequest, Request};
+use crate::fieldbus::request::{Answer, CanRequest, NodeReading, NodeRequest, Request};
 use isotherm_core::codec::{Frame, Register, Table};
 use isotherm_core::quantity::Moment;
 
@@ -76,6 +76,8 @@ pub(super) fn asked(request: Request<'_>) -> String {
         Request::Can(CanRequest::Send { id, bits, values }) => {
             format!("send {id}, {bits} ={}", listed(values))
         }
+        Request::Nodes(NodeRequest::Read(nodes)) => format!("read{}", listed(nodes)),
+        Request::Nodes(NodeRequest::Write { node, values }) => format!("write {node} ={}", listed(values)),
     }
 }
 
@@ -88,8 +90,17 @@ pub(super) fn answered(answer: &Result<Answer, Fault>) -> String {
             let digits: Vec<u8> = bits.iter().map(|bit| u8::from(*bit)).collect();
             format!("{}:{}", counted(bits.len(), "bit"), listed(&digits))
         }
+        Ok(Answer::Nodes(nodes)) => nodes.iter().map(node).collect::<Vec<_>>().join("; "),
         Ok(Answer::Done) => "done".to_owned(),
         Err(fault) => fault.to_string(),
+    }
+}
+
+/// `17395 4660`, or why there is no value.
+fn node(node: &NodeReading) -> String {
+    match &node.value {
+        Ok(value) => listed(value.registers()).trim_start().to_owned(),
+        Err(reason) => reason.to_string(),
     }
 }
 

@@ -233,11 +233,13 @@ async fn write(
     if !output.verify.reads() {
         return Ok(None);
     }
-    let request = Request::read(&output.reads_at(), output.encoding.data_type);
+    let at = output.reads_at();
+    let request = Request::read(&at, output.encoding.data_type);
     let request = request.ok_or((Fault::Caller(CallerFault::Function), Outcome::Unknown))?;
     let read = turn.line.request(output.device, request, Leave::Whenever).await;
-    let answered = read.map_err(|fault| (fault, Outcome::Unknown))?;
-    Ok(Some(Encoded::of(answered.answer.registers())))
+    let answer = read.and_then(|answered| answered.answer.believed());
+    let answer = answer.map_err(|fault| (fault, Outcome::Unknown))?;
+    Ok(Some(Encoded::of(answer.registers())))
 }
 
 fn shown(shared: &LineHandle, output: &Output) -> Shown {

@@ -403,7 +403,7 @@ impl Register {
         }
         self.fail(shared, fault, Access::Write);
         match outcome {
-            Outcome::NotDone if matches!(fault, Fault::Exception(_) | Fault::Aborted(_)) => Fact::Refused,
+            Outcome::NotDone if fault.is_refusal() => Fact::Refused,
             Outcome::NotDone => Fact::NotSent,
             _ => Fact::Unknown { left },
         }

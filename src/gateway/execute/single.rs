@@ -61,15 +61,16 @@ impl Single {
 
     async fn read(&mut self, turn: &mut LineTurn<'_>) -> Fact {
         let output = turn.shared.profile.output(self.register.id);
-        let request = Request::read(&output.reads_at(), output.encoding.data_type);
+        let at = output.reads_at();
+        let request = Request::read(&at, output.encoding.data_type);
         let read = match request {
             Some(request) => turn.line.request(output.device, request, Leave::Whenever).await,
             None => Err(Fault::Caller(CallerFault::Function)),
         };
-        match read {
-            Ok(answered) => {
-                let found = self.register.units.found(answered.answer.registers());
-                Fact::Read { found, asked: answered.asked }
+        match read.and_then(|answered| Ok((answered.answer.believed()?, answered.asked))) {
+            Ok((answer, asked)) => {
+                let found = self.register.units.found(answer.registers());
+                Fact::Read { found, asked }
             }
             Err(fault) => {
                 self.register.fail(turn.shared, fault, Access::Read);

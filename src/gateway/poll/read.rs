@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use super::stamps::SourceStamps;
 use super::{Captures, Overruns};
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::line::DeviceLine;
@@ -89,7 +90,7 @@ impl Poll {
         let place = self.under_way.map_or(0, |(_, place)| place);
         let is_plain = self.again.is_none() && (place > 0 || self.captures.is_empty());
         let request = self.requests.get(place).filter(|_| is_plain && self.due() <= by)?;
-        Some((self.device, request.asks.into()))
+        Some((self.device, Request::in_registers(&request.asks)?))
     }
 
     /// It is read at once, from its first request on.
@@ -120,7 +121,7 @@ impl Poll {
             self.captures.send(line, shared, self.device).await;
         }
         let request = &self.requests[place];
-        let answer = line.request(self.device, request.asks.into(), Leave::Whenever).await;
+        let answer = line.request(self.device, Request::from(&request.asks), Leave::Whenever).await;
         let is_missed = answer.as_ref().is_err_and(|fault| fault.spoils_connection());
         let again = line.again_at(self.device).filter(|again| is_missed && *again < self.next);
         self.again = again.filter(|_| self.repeats < REPEATS);
@@ -130,6 +131,7 @@ impl Poll {
         self.under_way = (!is_last).then_some((due, next));
         let mut core = shared.core();
         let is_fit = core.commissioning.is_fit(self.device);
+        let stamped = SourceStamps::of(shared.profile.device(self.device));
         for field in &request.fields {
             let signal = shared.profile.signal(field.signal);
             match (self.captures.captured(signal.capture), &answer) {
@@ -137,7 +139,8 @@ impl Poll {
                     let value = answered.answer.decode(field, &signal.encoding);
                     let value = value.and_then(|value| is_fit.then_some(value).ok_or(Reason::NotAsExpected));
                     let asked = captured.map_or(answered.asked, |captured| captured.min(answered.asked));
-                    core.board.store(field.signal, value, asked);
+                    let (value, taken) = stamped.believed(answered.answer.stamped(field), value, asked);
+                    core.board.store(field.signal, value, taken);
                 }
                 (Err(fault), _) | (_, &Err(fault)) => core.board.fail(field.signal, fault.reason()),
             }

@@ -136,6 +136,7 @@ pub(super) fn bus(name: &str, address: &str) -> Bus {
         transport: Transport::Tcp,
         address: address.to_owned(),
         tls: None,
+        opcua: None,
         timeout,
         late: Transport::Tcp.late(timeout),
         pipeline: 1,
@@ -178,6 +179,7 @@ pub(super) fn device(name: &str, bus: usize, unit: u8) -> Device {
         verify: Vec::new(),
         template: None,
         can: None,
+        source_time: None,
     }
 }
 

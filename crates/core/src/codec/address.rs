@@ -1,12 +1,12 @@
-//! Where a value is: in registers, in a CANopen object, or in CAN frames. Registers have two notations that people use:
+//! Where a value is: in registers, in a CANopen object, in CAN frames, or in a node of an OPC UA server. Registers have two notations that people use:
 //! `input:0` (protocol, zero-based) and `30001` (Modicon, one-based).
 
 use std::fmt;
 use std::str::FromStr;
 
-use super::{Field, Object};
+use super::{Field, Node, Object};
 
-/// Where a value is on a line of either kind.
+/// Where a value is on a line of any kind.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Address {
     /// In Modbus registers, from this one on; or in this bit.
@@ -15,6 +15,8 @@ pub enum Address {
     Object(Object),
     /// In CAN frames, which nobody is asked for.
     Frame(Field),
+    /// In a node of an OPC UA server.
+    Node(Node),
 }
 
 /// The four tables of a Modbus device.
@@ -159,13 +161,15 @@ impl fmt::Display for Register {
     }
 }
 
-/// For people: `holding:104 (40105)`, `object 6150:01`, `0x20c, 32 bits from 0 up (Intel), signed`.
+/// For people: `holding:104 (40105)`, `object 6150:01`, `0x20c, 32 bits from 0 up (Intel), signed`,
+/// `node ns=2;i=5`.
 impl fmt::Display for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Address::Modbus(register) => write!(f, "{register} ({})", register.modicon()),
             Address::Object(object) => write!(f, "object {object}"),
             Address::Frame(field) => write!(f, "{field}"),
+            Address::Node(node) => write!(f, "node {node}"),
         }
     }
 }

@@ -20,6 +20,7 @@ fn device(quirks: Quirks) -> Device {
         verify: Vec::new(),
         template: None,
         can: None,
+        source_time: None,
         quirks,
     }
 }
@@ -62,6 +63,7 @@ fn shape(requests: &[ReadRequest]) -> Vec<String> {
         let span = match request.asks {
             ReadTarget::Registers { from, count } => format!("{from}+{count}"),
             ReadTarget::Object(object) => format!("read {object}"),
+            ReadTarget::Nodes(nodes) => format!("{} nodes", nodes.len()),
         };
         format!("{span} [{}]", fields.join(" "))
     };

@@ -62,7 +62,7 @@ fn cost(bus: &Bus, device: &Device, asked: &Exchange) -> Cost {
     let quirks = &device.quirks;
     let bytes = match bus.transport {
         Transport::Serial(serial) => serial.exchange(asked.question, asked.answer),
-        Transport::Tcp | Transport::RtuOverTcp | Transport::Can => Duration::ZERO,
+        Transport::Tcp | Transport::RtuOverTcp | Transport::Can | Transport::OpcUa => Duration::ZERO,
     };
     let known = bytes + quirks.pause_between_requests;
     if quirks.close_after_each {
@@ -105,7 +105,7 @@ impl Load {
         }
         let answer = match bus.transport {
             Transport::RtuOverTcp => ANSWER_THROUGH_SERVER,
-            Transport::Tcp | Transport::Serial(_) | Transport::Can => ANSWER,
+            Transport::Tcp | Transport::Serial(_) | Transport::Can | Transport::OpcUa => ANSWER,
         };
         let (mut known, mut waits, mut percent) = (0.0, 0.0, [0.0; 2]);
         for asked in &asked {

@@ -5,15 +5,18 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use super::device::LineKind;
 use super::quirks::{Quirks, RawQuirks};
 use super::{At, Check, host_of};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
 use isotherm_core::codec::CanId;
+use opcua::{OpcUa, RawUser, Security};
 use periods::{Due, TIMEOUT};
 use serial::{Parity, Serial};
 use tls::{RawTls, TLS_PORT, Tls};
 
+pub(crate) mod opcua;
 pub(super) mod periods;
 pub(crate) mod serial;
 pub(crate) mod tls;
@@ -39,7 +42,8 @@ pub(crate) struct RawBus {
     #[serde(rename = "type")]
     #[schemars(required)]
     pub(super) kind: Option<BusType>,
-    /// Host and port of a line over TCP: "192.168.0.10:502". With `tls` the port may be left out: 802.
+    /// Host and port of a line over TCP: "192.168.0.10:502". With `tls` the port may be left out: 802. Of an opcua line
+    /// the server's URL: "opc.tcp://192.168.214.241:4840".
     address: Option<String>,
     /// Longest wait for one answer. Default "500ms", or half the shortest period of what is read and
     /// written there if that is less.
@@ -69,6 +73,17 @@ pub(crate) struct RawBus {
     interface: Option<String>,
     /// SYNC that is sent on a CAN line. Default: none.
     sync: Option<RawSync>,
+    /// What protects the messages of an opcua line: the strongest way that both ends know. Required.
+    security: Option<Security>,
+    /// As whom the gateway speaks on an opcua line: { name = "isotherm", password_file = "opcua.password" }, or
+    /// { cert = "user.der", key = "user.pem" }. Default: as nobody (anonymous).
+    user: Option<RawUser>,
+    /// The gateway's own certificate of a secured opcua line, in DER or PEM form.
+    cert: Option<String>,
+    /// The private key of `cert`, in PEM form.
+    key: Option<String>,
+    /// A directory with the certificates of the servers that a secured opcua line trusts.
+    trusted: Option<String>,
 }
 
 /// SYNC, sent to all nodes of a line.
@@ -91,6 +106,19 @@ pub(super) enum BusType {
     ModbusRtu,
     ModbusRtuOverTcp,
     Can,
+    #[serde(rename = "opcua")]
+    OpcUa,
+}
+
+impl BusType {
+    /// What its devices understand.
+    pub(super) const fn kind(self) -> LineKind {
+        match self {
+            BusType::Can => LineKind::Can,
+            BusType::OpcUa => LineKind::OpcUa,
+            BusType::ModbusTcp | BusType::ModbusRtu | BusType::ModbusRtuOverTcp => LineKind::Modbus,
+        }
+    }
 }
 
 /// One line.
@@ -100,10 +128,12 @@ pub struct Bus {
     pub name: String,
     /// What it is made of.
     pub transport: Transport,
-    /// Host and port, the serial port's path, or the CAN interface, as written.
+    /// Host and port, the serial port's path, the CAN interface, or the server's URL, as written.
     pub address: String,
     /// Modbus/TCP Security; `None`: in the clear.
     pub tls: Option<Tls>,
+    /// How an OPC UA server is spoken to; `None` on every other line.
+    pub opcua: Option<OpcUa>,
     /// Longest wait for one answer, and for a connection.
     pub timeout: Duration,
     /// How long a write that was not answered may still arrive. Never less than `timeout`.
@@ -127,6 +157,8 @@ pub enum Transport {
     Serial(Serial),
     /// A CAN interface of this computer.
     Can,
+    /// An OPC UA server.
+    OpcUa,
 }
 
 /// Who sends SYNC on a line: we do.
@@ -149,7 +181,7 @@ impl Transport {
     pub fn late(self, timeout: Duration) -> Duration {
         match self {
             Transport::Serial(_) => timeout.saturating_mul(LATE_TIMEOUTS),
-            Transport::Tcp | Transport::RtuOverTcp | Transport::Can => LATE.max(timeout),
+            Transport::Tcp | Transport::RtuOverTcp | Transport::Can | Transport::OpcUa => LATE.max(timeout),
         }
     }
 }
@@ -167,6 +199,7 @@ impl Bus {
             Transport::Tcp => "Modbus TCP",
             Transport::RtuOverTcp => "RTU over TCP",
             Transport::Can => "CAN",
+            Transport::OpcUa => "OPC UA",
             Transport::Serial(_) => "Modbus RTU",
         };
         let (name, address, timeout, late) =
@@ -179,6 +212,7 @@ impl Bus {
         section.entry("kind", kind);
         section.entry("address", address);
         section.part("tls", self.tls.as_ref().map(Tls::preview));
+        section.part("opcua", self.opcua.as_ref().map(OpcUa::preview));
         section.entry("timeout", timeout);
         section.entry("late", late);
         if self.pipeline > 1 {
@@ -214,6 +248,7 @@ impl RawBus {
                 (Transport::Serial(settings?), port)
             }
             BusType::Can => (Transport::Can, self.interface(at)),
+            BusType::OpcUa => (Transport::OpcUa, opcua::address(self, at)),
         };
         let late = self.late(&at.key("late"), timeout, transport.late(timeout));
         let tls = self.tls.as_ref().filter(|_| kind == BusType::ModbusTcp).map(|tls| {
@@ -225,6 +260,10 @@ impl RawBus {
             Some(tls) => Some(tls?),
             None => None,
         };
+        let opcua = match kind {
+            BusType::OpcUa => Some(opcua::resolve(self, at)?),
+            _ => None,
+        };
         let pipeline = self.pipeline(&at.key("pipeline"), quirks);
         let sync = self.sync.as_ref().filter(|_| kind == BusType::Can).and_then(|sync| {
             let every = at.key("sync").key("every").period(sync.every);
@@ -235,6 +274,7 @@ impl RawBus {
             transport,
             address: address?,
             tls,
+            opcua,
             timeout,
             late,
             pipeline,
@@ -323,11 +363,12 @@ impl RawBus {
 
 /// Keys that belong to another type of line.
 fn foreign_keys(at: &At<'_>, kind: BusType) {
-    let owners: [(&[&str], &str, &[BusType]); 5] = [
-        (&["address"], "a TCP line", &[BusType::ModbusTcp, BusType::ModbusRtuOverTcp]),
+    let owners: [(&[&str], &str, &[BusType]); 6] = [
+        (&["address"], "a TCP line", &[BusType::ModbusTcp, BusType::ModbusRtuOverTcp, BusType::OpcUa]),
         (&["port", "baud", "parity", "stop_bits"], "a modbus-rtu line", &[BusType::ModbusRtu]),
         (&["tls", "pipeline"], "a modbus-tcp line", &[BusType::ModbusTcp]),
         (&["interface", "sync"], "a can line", &[BusType::Can]),
+        (&["security", "user", "cert", "key", "trusted"], "an opcua line", &[BusType::OpcUa]),
         (&["quirks"], "a Modbus line", &[BusType::ModbusTcp, BusType::ModbusRtu, BusType::ModbusRtuOverTcp]),
     ];
     for (keys, owner, _) in owners.into_iter().filter(|(.., kinds)| !kinds.contains(&kind)) {
@@ -360,13 +401,14 @@ pub(super) fn none_waits_for_a_period(check: &Check<'_>) {
 
 /// Two buses on one RTU line would speak at once, and take each other's answers.
 pub(super) fn one_owner_each(check: &Check<'_>) {
-    let lines: Vec<&Bus> = check.buses.right().filter(|bus| bus.transport != Transport::Tcp).collect();
+    let is_shared = |transport| matches!(transport, Transport::Tcp | Transport::OpcUa);
+    let lines: Vec<&Bus> = check.buses.right().filter(|bus| !is_shared(bus.transport)).collect();
     for (place, bus) in lines.iter().enumerate() {
         if let Some(first) = lines[..place].iter().find(|first| first.address == bus.address) {
             let key = match bus.transport {
                 Transport::Serial(_) => "port",
                 Transport::Can => "interface",
-                Transport::Tcp | Transport::RtuOverTcp => "address",
+                Transport::Tcp | Transport::RtuOverTcp | Transport::OpcUa => "address",
             };
             let message = format!("the bus `{}` has this {key} already", first.name);
             let help = "put all devices of one line on one bus; each has its own `every`";

@@ -1,4 +1,4 @@
-//! `[device.*]`: one unit on a line.
+//! `[device.*]`: one unit on a line, or one server.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -9,6 +9,7 @@ use serde::Deserialize;
 use super::bus::periods::EVERY;
 use super::bus::{APART, Transport};
 use super::label::{self, labelled};
+use super::opcua::SourceTime;
 use super::quirks::{Quirks, RawQuirks};
 use super::{At, Check, dbc};
 use crate::document::Section;
@@ -65,6 +66,9 @@ pub(crate) struct RawDevice {
     /// CANopen node number.
     #[schemars(range(min = 1, max = 127))]
     pub(super) node: Option<u8>,
+    /// OPC UA: what the time says that the server stamps a value with. "sampled": when it was measured, so that the reading is
+    /// as old as that. "changed": when it changed last, which says nothing of its age. Default "sampled".
+    source_time: Option<SourceTime>,
     /// CANopen: whether it is started by NMT, at the beginning and after each boot-up. Default true.
     start: Option<bool>,
     /// CANopen: its heartbeat missed this long, or never seen this long, is a fault. Default: not watched.
@@ -125,12 +129,26 @@ pub struct Device {
     pub template: Option<Template>,
     /// What it has on a CAN line.
     pub can: Option<CanDevice>,
+    /// What the time stamps of an OPC UA server say; `None` on every other line.
+    pub source_time: Option<SourceTime>,
+}
+
+/// What the devices of a line understand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum LineKind {
+    /// Registers.
+    Modbus,
+    /// Frames and CANopen objects.
+    Can,
+    /// Nodes of a server.
+    OpcUa,
 }
 
 impl Device {
     /// Where it is on its bus, behind its name: ` (unit 3)`, ` (node 5)`, nothing for one that only sends CAN frames.
     pub fn at(&self) -> String {
         match &self.can {
+            None if self.source_time.is_some() => String::new(),
             None => format!(" (unit {})", self.unit),
             Some(can) => can.node.map_or(String::new(), |node| format!(" (node {node})")),
         }
@@ -139,16 +157,30 @@ impl Device {
     /// What is read from it, what is read before arming, and what it has from its template.
     pub(crate) fn preview(&self, profile: &Profile, id: DeviceId) -> Section {
         let requests = profile.register_requests(id);
+        let nodes = profile.node_requests(id);
         let (name, unit, every, summary) = (&self.name, self.unit, shown(self.every), summary(&requests));
         let can = self.can.as_ref().map(|can| can.preview(profile, id));
         let shown = labelled(name, &self.label);
         let mut section = Section::default();
         section.line(match self.can.as_ref().map(|can| can.node) {
+            None if self.source_time.is_some() => {
+                let count = nodes.iter().map(|request| request.fields.len()).sum::<usize>();
+                let plural = if count == 1 { "" } else { "s" };
+                format!("  {shown}: every {every}: {count} node{plural} read together")
+            }
             None => format!("  {shown}: unit {unit}, every {every}: {summary}"),
             Some(Some(node)) => format!("  {shown}: CANopen node {node}"),
             Some(None) => format!("  {shown}: sends frames by itself"),
         });
         can.iter().for_each(|can| section.lines_of(can));
+        let stamped = self.source_time.map(|source_time| match source_time {
+            SourceTime::Sampled => "a reading is as old as the time that the server stamps it with",
+            SourceTime::Changed => {
+                "the server's time stamps say when a value changed: they make no reading older"
+            }
+        });
+        section.lines("    ", &stamped);
+        section.entry("source_time", stamped);
         section.entry("name", name);
         section.entry("label", &self.label);
         section.entry("bus", &profile.bus(self.bus).name);
@@ -229,16 +261,28 @@ impl RawDevice {
         if line.is_some_and(|line| line.pipeline > 1 && line.quirks.bear_two()) && !quirks.bear_two() {
             at.key("quirks").wrong(APART, "remove the quirk, or `pipeline` of the bus");
         }
-        let on_can = self.is_on_can(check);
+        let kind = self.line_kind(check);
+        let on_can = kind.map(|kind| kind == LineKind::Can);
+        let on_opcua = kind == Some(LineKind::OpcUa);
+        if on_opcua {
+            let help = "remove it: an OPC UA server has nodes";
+            at.foreign(&["unit", "functions", "quirks", "base"], "a Modbus device", help);
+        } else if kind.is_some() {
+            let help = "remove it, or put the device on an opcua line";
+            at.foreign(&["source_time"], "a device on an OPC UA line", help);
+        }
         let can = node::resolve(self, at, on_can);
         let unit = if on_can == Some(true) {
             Some(self.node.unwrap_or(0))
+        } else if on_opcua {
+            Some(0)
         } else {
             self.unit(at, line.map(|line| line.transport))
         };
         let verify = at.key("verify");
         let verify = self.verify.iter().flatten().enumerate().filter_map(|(place, raw)| match on_can {
             Some(true) => raw.object(&verify.item(place)),
+            _ if on_opcua => raw.node(&verify.item(place)),
             _ => raw.register(&verify.item(place), functions),
         });
         let verify = verify.collect();
@@ -262,6 +306,7 @@ impl RawDevice {
             verify,
             template,
             can,
+            source_time: on_opcua.then(|| self.source_time.unwrap_or_default()),
         })
     }
 
@@ -284,8 +329,8 @@ impl RawDevice {
         self.unit
     }
 
-    /// Whether it hangs on a CAN line; `None` where its line is not known.
-    pub(super) fn is_on_can(&self, check: &Check<'_>) -> Option<bool> {
-        Some(check.raw.bus.get(self.bus.as_ref()?)?.kind? == super::bus::BusType::Can)
+    /// What it understands, by its line; `None` where that is not known.
+    pub(super) fn line_kind(&self, check: &Check<'_>) -> Option<LineKind> {
+        Some(check.raw.bus.get(self.bus.as_ref()?)?.kind?.kind())
     }
 }

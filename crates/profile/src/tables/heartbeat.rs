@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::At;
+use super::device::LineKind;
 use super::register::{Notation, holding};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
@@ -62,9 +63,14 @@ impl RawHeartbeat {
         let every = at.key("every").period(self.every);
         let index = at.key("device").named(&at.check.devices, self.device.as_ref());
         let address = holding(&at.key("register"), self.register.as_ref());
-        if at.check.is_on_can(self.device.as_ref()) == Some(true) {
-            let help =
-                "name a Modbus device; a CANopen node has a heartbeat consumer of its own, object 1016";
+        let kind = at.check.line_kind(self.device.as_ref());
+        if kind.is_some_and(|kind| kind != LineKind::Modbus) {
+            let help = match kind {
+                Some(LineKind::Can) => {
+                    "name a Modbus device; a CANopen node has a heartbeat consumer of its own, object 1016"
+                }
+                _ => "name a Modbus device; an OPC UA server sees by the session that the gateway is gone",
+            };
             at.key("device").wrong("the heartbeat is a register, and this device has none", help);
             return None;
         }

@@ -6,17 +6,18 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::can::{self, RawFrame, RawPdo, Sender, Written};
+use super::device::LineKind;
 use super::handshake::RawHandshake;
 use super::register::{self, Notation, TypeWord, WordOrderWord, plain};
 use super::restart::RawRestart;
 use super::signal::ChannelValue;
-use super::{At, Check, expression};
+use super::{At, Check, expression, opcua};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
 use crate::{AxisId, DeviceId, Profile, SetId};
 use applied::{Applied, ReadBackValue};
 use display::{Display, RawBeside, RawStale};
-use isotherm_core::codec::{Address, DataType, Encoding, Scale, Table};
+use isotherm_core::codec::{Address, DataType, Encoding, Node, Scale, Table};
 use isotherm_core::compensation::model::Condition;
 use isotherm_core::reading::SignalId;
 use share::Share;
@@ -51,7 +52,9 @@ pub(crate) struct RawOutput {
     position: Option<String>,
     /// A holding register: "holding:104" or "40105".
     register: Option<String>,
-    /// How the value lies in its registers or in its CANopen object; required for both.
+    /// A node of an OPC UA server that is written: "ns=2;s=…".
+    node: Option<String>,
+    /// How the value lies in its registers, in its CANopen object or in its node; required for all of them.
     #[serde(rename = "type")]
     kind: Option<TypeWord>,
     /// CANopen process data that is written: { cob_id = 0x20C, start = 0, length = 32, signed = true }.
@@ -158,7 +161,7 @@ impl Output {
         let registers = encoding.data_type.registers();
         let function = match self.address {
             Address::Modbus(_) => device.functions.write_code(registers),
-            Address::Object(_) | Address::Frame(_) => 0,
+            Address::Object(_) | Address::Frame(_) | Address::Node(_) => 0,
         };
         let register = Notation::of(&self.address, encoding.data_type);
         let word_order = register::shown_order(&self.address, encoding);
@@ -259,10 +262,11 @@ impl RawOutput {
         let writes = writes::resolve(self, at);
         let refresh = at.key("refresh").period(self.refresh);
         let when = expression::condition(&at.key("when"), self.when.as_ref(), None);
-        let on_can = check.is_on_can(self.device.as_ref());
-        self.foreign_keys(at, on_can);
-        let Target { address, encoding, verify, share, applied, display } = match on_can {
-            Some(true) => self.on_can(at, name, device)?,
+        let kind = check.line_kind(self.device.as_ref());
+        self.foreign_keys(at, kind);
+        let Target { address, encoding, verify, share, applied, display } = match kind {
+            Some(LineKind::Can) => self.on_can(at, name, device)?,
+            Some(LineKind::OpcUa) => self.in_a_node(at)?,
             _ => self.in_registers(at, device)?,
         };
         if share == Share::Ledger && refresh.is_some() {
@@ -289,10 +293,14 @@ impl RawOutput {
         })
     }
 
-    /// Keys that belong to the other kind of line.
-    fn foreign_keys(&self, at: &At<'_>, on_can: Option<bool>) {
-        let (Some(on_can), Some(device)) = (on_can, &self.device) else { return };
-        if !on_can {
+    /// Keys that belong to another kind of line.
+    fn foreign_keys(&self, at: &At<'_>, kind: Option<LineKind>) {
+        let (Some(kind), Some(device)) = (kind, &self.device) else { return };
+        if kind == LineKind::OpcUa {
+            return self.foreign_to_a_server(at, device);
+        }
+        at.foreign(&["node"], "an OPC UA server", "remove it, or put the device on an opcua line");
+        if kind == LineKind::Modbus {
             let help = format!("`{device}` hangs on a Modbus line: write register = \"holding:100\"");
             at.foreign(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
             register::not_smaller_than_a_register(&at.key("type"), self.kind, "take \"u16\" or \"i16\"");
@@ -302,6 +310,21 @@ impl RawOutput {
         let help =
             format!("`{device}` hangs on a CAN line: remove it; a value is written by pdo, sdo or frame");
         at.foreign(&of_modbus, "a Modbus device", &help);
+        if at.key("restart").has("boot_counter") {
+            at.foreign(&["restart"], "a Modbus device", &help);
+        }
+        if self.share == Some(Share::Ledger) {
+            let message = "a share of an operator's register belongs to a Modbus device";
+            at.key("share").wrong_key(message, help);
+        }
+    }
+
+    fn foreign_to_a_server(&self, at: &At<'_>, device: &str) {
+        let help = format!("`{device}` is an OPC UA server: remove it; a value is written by node");
+        let of_modbus =
+            ["register", "word_order", "byte_swap", "beside", "stale", "set", "handshake", "read_back"];
+        at.foreign(&of_modbus, "a Modbus device", &help);
+        at.foreign(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
         if at.key("restart").has("boot_counter") {
             at.foreign(&["restart"], "a Modbus device", &help);
         }
@@ -364,6 +387,19 @@ impl RawOutput {
         Some(Target { address: address.into(), encoding, verify, share, applied, display })
     }
 
+    fn in_a_node(&self, at: &At<'_>) -> Option<Target> {
+        let node = opcua::written(at, self.node.as_ref(), self.kind);
+        let data_type = node.as_ref().map(Node::taken_as);
+        not_one_bit(&at.key("type"), data_type);
+        let scale = self.scale(&at.key("scale"), data_type);
+        let (node, data_type) = (node?, data_type?);
+        let bias = self.bias(&at.key("bias"), data_type);
+        let verify = if self.is_believed_by_its_echo() { Verify::Echo } else { Verify::ReadBack };
+        let encoding = Encoding { scale: scale?, bias, ..plain(data_type) };
+        let (applied, display) = (None, Display::default());
+        Some(Target { address: Address::Node(node), encoding, verify, share: Share::Whole, applied, display })
+    }
+
     /// The worth of one count, at its key.
     fn scale(&self, at: &At<'_>, data_type: Option<DataType>) -> Option<Scale> {
         let is_whole = data_type?.integer_range().is_some();
@@ -392,6 +428,7 @@ impl RawOutput {
         let data_type = target.as_ref().map(|(address, _)| match address {
             Address::Frame(field) => field.bits.data_type(),
             Address::Object(object) => object.data_type,
+            Address::Node(node) => node.taken_as(),
             Address::Modbus(register) => register::one(*register),
         });
         let scale = self.scale(&at.key("scale"), data_type);

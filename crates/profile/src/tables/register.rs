@@ -124,11 +124,11 @@ impl fmt::Display for Flag {
     }
 }
 
-/// A register in both notations, or where a value is on a CAN line.
+/// A register in both notations, or where a value is on another kind of line.
 pub(crate) struct Notation {
     /// Zero-based: `holding:104`; `object 6150:01`; `0x185, 16 bits from 0 up (Intel), signed`.
     protocol: String,
-    /// One-based: `40105`; empty on a CAN line.
+    /// One-based: `40105`; empty where there are none.
     modicon: String,
 }
 
@@ -144,9 +144,10 @@ impl Notation {
         }
     }
 
-    /// Neither a register nor an object, but bits that say themselves of which kind they are.
+    /// Neither a register nor an object nor a node, but bits that say themselves of which kind they are.
     pub(crate) fn is_in_frames(&self) -> bool {
-        self.modicon.is_empty() && !self.protocol.starts_with("object")
+        let is_asked_for = ["object ", "node "].iter().any(|kind| self.protocol.starts_with(kind));
+        self.modicon.is_empty() && !is_asked_for
     }
 }
 

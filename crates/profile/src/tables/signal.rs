@@ -6,9 +6,10 @@ use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
 use super::can::{self, RawFrame, RawPdo, Sender};
+use super::device::LineKind;
 use super::label::{self, labelled};
 use super::register::{self, Flag, Notation, TypeWord, WordOrderWord, plain};
-use super::{At, dbc, expression};
+use super::{At, dbc, expression, opcua};
 use crate::dbc::Described;
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
@@ -36,7 +37,10 @@ pub(crate) struct RawSignal {
     /// "input:0", "holding:84", "coil:1", "discrete:3": table and zero-based protocol address; or the one-based Modicon
     /// number "30001"; "input:50.3" is bit 3 of a register.
     register: Option<String>,
-    /// How the value lies in its registers; required for input and holding registers.
+    /// OPC UA: the server's name of a node: "ns=2;s=/Nck/State" or "ns=3;i=1005".
+    node: Option<String>,
+    /// How the value lies in its registers; required for input and holding registers. Of a node: its own type; default: whatever
+    /// number it has.
     #[serde(rename = "type")]
     kind: Option<TypeWord>,
     /// Which register comes first; required for 32 bits and more, because devices differ.
@@ -283,13 +287,13 @@ impl RawSignal {
         let check = at.check;
         let index = at.key("device").named(&check.devices, self.device.as_ref());
         let device = index.and_then(|index| check.devices.get(index));
-        let places = ["register", "dbc", "sdo", "pdo", "frame"];
+        let places = ["register", "dbc", "sdo", "pdo", "frame", "node"];
         if places.into_iter().filter(|key| at.has(key)).count() > 1 {
-            let help = "keep one of register, channel, dbc, pdo, sdo, frame";
+            let help = "keep one of register, channel, dbc, pdo, sdo, frame, node";
             at.wrong_key("the signal is read from more than one place", help);
         }
-        let on_can = check.is_on_can(self.device.as_ref());
-        self.foreign_keys(at, on_can);
+        let kind = check.line_kind(self.device.as_ref());
+        self.foreign_keys(at, kind);
         let max_age = self.max_age(at, index);
         let range = self.range.map(|[low, high]| {
             if low >= high {
@@ -300,15 +304,21 @@ impl RawSignal {
         });
         let max_rate = at.key("max_rate").positive(self.max_rate);
         let fault_when = expression::condition(&at.key("fault_when"), self.fault_when.as_ref(), Some(name));
-        let on_can = on_can == Some(true);
+        let (on_can, on_opcua) = (kind == Some(LineKind::Can), kind == Some(LineKind::OpcUa));
         let on_can_somewhere = self.comes_by_itself() || self.sdo.is_some();
         // A channel that brought no place has been reported.
-        let is_nowhere = self.register.is_none() && !(on_can && on_can_somewhere);
-        if (is_nowhere && at.key("channel").is_written()) || (is_nowhere && !on_can && on_can_somewhere) {
+        let is_nowhere =
+            self.register.is_none() && !(on_can && on_can_somewhere) && !(on_opcua && self.node.is_some());
+        if (is_nowhere && at.key("channel").is_written())
+            || (is_nowhere && !on_can && !on_opcua && (on_can_somewhere || self.node.is_some()))
+        {
             return None;
         }
-        let Located { address, encoding, unit } =
-            if on_can { self.on_can(at)? } else { self.in_registers(at, index)? };
+        let Located { address, encoding, unit } = match kind {
+            Some(LineKind::Can) => self.on_can(at)?,
+            Some(LineKind::OpcUa) => self.in_a_node(at)?,
+            Some(LineKind::Modbus) | None => self.in_registers(at, index)?,
+        };
         let unit = match self.unit.as_deref() {
             Some(unit) => Unit::named(unit),
             None => unit.or(Some(Unit("1"))),
@@ -335,16 +345,25 @@ impl RawSignal {
             max_rate,
             max_age: max_age?,
             fault_when,
-            merge: on_can || self.merge.unwrap_or(true),
+            merge: on_can || on_opcua || self.merge.unwrap_or(true),
             counter,
-            capture: capture.filter(|_| !on_can),
+            capture: capture.filter(|_| !on_can && !on_opcua),
         })
     }
 
-    /// Keys that belong to the other kind of line.
-    fn foreign_keys(&self, at: &At<'_>, on_can: Option<bool>) {
-        let (Some(on_can), Some(device)) = (on_can, &self.device) else { return };
-        if !on_can {
+    /// Keys that belong to another kind of line.
+    fn foreign_keys(&self, at: &At<'_>, kind: Option<LineKind>) {
+        let (Some(kind), Some(device)) = (kind, &self.device) else { return };
+        if kind == LineKind::OpcUa {
+            let help = format!("`{device}` is an OPC UA server: write node = \"ns=2;s=…\"");
+            at.foreign(&["register", "word_order", "byte_swap", "merge"], "a Modbus device", &help);
+            at.foreign(&["dbc", "pdo", "sdo", "frame"], "a device on a CAN line", &help);
+            let help = "remove it: a node is read as it stands";
+            at.key("counter").foreign(&["capture"], "a Modbus device", help);
+            return;
+        }
+        at.foreign(&["node"], "an OPC UA server", "remove it, or put the device on an opcua line");
+        if kind == LineKind::Modbus {
             let help = format!("`{device}` hangs on a Modbus line: write register = \"input:0\"");
             at.foreign(&["dbc", "pdo", "sdo", "frame"], "a device on a CAN line", &help);
             let help = "take \"u16\" or \"i16\", or one bit, as \"input:50.3\"";
@@ -357,6 +376,18 @@ impl RawSignal {
         at.foreign(&["register", "word_order", "byte_swap", "merge"], "a Modbus device", &help);
         let help = "remove it: a CAN device sends its count by itself";
         at.key("counter").foreign(&["capture"], "a Modbus device", help);
+    }
+
+    fn in_a_node(&self, at: &At<'_>) -> Option<Located> {
+        let node = opcua::read(at, self.node.as_ref(), self.kind);
+        let scale = register::scale(&at.key("scale"), self.scale.unwrap_or(1.0));
+        let bad = self.sentinels(&at.key("bad"));
+        let (node, scale) = (node?, scale?);
+        let data_type = node.taken_as();
+        let offset = self.offset.unwrap_or(0.0);
+        let encoding = Encoding { scale, offset, bad, ..plain(data_type) };
+        let unit = (data_type == DataType::Bool).then_some(Unit("bool"));
+        Some(Located { address: Address::Node(node), encoding, unit })
     }
 
     fn in_registers(&self, at: &At<'_>, device: Option<usize>) -> Option<Located> {
@@ -456,6 +487,7 @@ impl RawSignal {
         let data_type = match &address {
             Address::Frame(field) => field.bits.data_type(),
             Address::Object(object) => object.data_type,
+            Address::Node(node) => node.taken_as(),
             Address::Modbus(register) => register::one(*register),
         };
         let unit = unit.or((data_type == DataType::Bool && self.dbc.is_none()).then_some(Unit("bool")));

@@ -89,7 +89,7 @@ impl Functions {
         }
     }
 
-    /// Whether this function code may be sent; 0 is none, which CAN has none of.
+    /// Whether this function code may be sent; 0 is what is no function of Modbus.
     pub const fn allow(&self, function: u8) -> bool {
         match function {
             0 => true,
@@ -119,7 +119,7 @@ impl Functions {
     pub const fn reads_at(self, address: &Address) -> bool {
         match address {
             Address::Modbus(register) => self.reads(register.table),
-            Address::Object(_) => true,
+            Address::Object(_) | Address::Node(_) => true,
             Address::Frame(_) => false,
         }
     }

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::functions::Functions;
 use crate::document::Section;
 use crate::tables::register::{TypeWord, WordOrderWord, cell, fits, plain, word_order};
-use crate::tables::{At, can};
+use crate::tables::{At, can, opcua};
 use isotherm_core::codec::{Address, DataType, Encoding, Object};
 use isotherm_core::reading::Reason;
 
@@ -22,7 +22,9 @@ pub(super) struct RawVerify {
     /// CANopen: index and subindex, hexadecimal: "6110:01".
     #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
     pub(super) sdo: Option<String>,
-    /// How the value lies there. Default: "bool" for a bit, else "u16".
+    /// OPC UA: the server's name of a node: "ns=2;s=/Nck/State"; with its `type`.
+    node: Option<String>,
+    /// How the value lies there. Default: "bool" for a bit, else "u16"; required for a node.
     #[serde(rename = "type")]
     kind: Option<TypeWord>,
     /// Which register comes first; required for 32 bits and more.
@@ -144,6 +146,16 @@ impl RawVerify {
         let equals = self.equal(at, data_type)?;
         let address = Address::Object(Object { entry: entry?, data_type });
         Some(self.expected(address, plain(data_type), equals))
+    }
+
+    /// A node that an OPC UA server must be found to hold.
+    pub(super) fn node(&self, at: &At<'_>) -> Option<Expected> {
+        let help = "remove it, and write node = \"ns=2;s=…\"";
+        at.foreign(&["register", "word_order", "sdo"], "another kind of line", help);
+        let node = opcua::written(at, self.node.as_ref(), self.kind)?;
+        let data_type = node.taken_as();
+        let equals = self.equal(at, data_type)?;
+        Some(self.expected(Address::Node(node), plain(data_type), equals))
     }
 
     /// What must be read, where a value of this type can ever be that.

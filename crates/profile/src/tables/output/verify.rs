@@ -76,6 +76,7 @@ pub(super) fn of_a_frame(raw: &RawOutput, at: &At<'_>, data_type: DataType, owne
 /// How a write of this output is believed, in a sentence.
 pub(super) fn preview(output: &Output, device: &Device) -> String {
     let is_object = matches!(output.address, Address::Object(_));
+    let is_node = matches!(output.address, Address::Node(_));
     if let Some(Applied { address, tolerance, settle, .. }) = &output.applied {
         let (register, settle) = (Notation::from(*address), shown(*settle));
         return format!(
@@ -87,6 +88,8 @@ pub(super) fn preview(output: &Output, device: &Device) -> String {
         Verify::Echo if output.is_single_offset() && device.functions.reads_at(&output.reads_at()) => {
             "once it is read back: what can be read is read before and after, whatever the answer says"
         }
+        Verify::ReadBack if is_node => "once the node reads back what was written",
+        Verify::Echo if is_node => "once the server has answered Good; the node is not read back",
         Verify::ReadBack if is_object => "once the object reads back what was written",
         Verify::Echo if is_object => "once the node has taken it; the object is not read back",
         Verify::ReadBack => "once the register reads back what was written",

@@ -1,0 +1,219 @@
+//! Nodes of an OPC UA server: how a profile names them, and what they hold ↔ registers.
+//!
+//! The notation is that of OPC UA, Part 6, 5.3.1.10: `ns=2;s=/Nck/State`, `ns=3;i=1005`, `i=2258`.
+
+use std::fmt;
+use std::str::FromStr;
+
+use super::{DataType, Encoded};
+use crate::reading::Reason;
+
+/// Which node of a server. Prints as a profile has it.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct NodeId {
+    /// The server's namespace, by its index.
+    pub namespace: u16,
+    /// Which node in there.
+    pub identifier: Identifier,
+}
+
+/// What tells a node from the others in its namespace.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Identifier {
+    /// `i=`
+    Number(u32),
+    /// `s=`
+    Text(String),
+    /// `g=`, five groups of hexadecimal digits.
+    Guid(String),
+    /// `b=`, in Base64.
+    Opaque(String),
+}
+
+/// One node and what its value is taken for.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Node {
+    /// Which.
+    pub id: NodeId,
+    /// Its own type; `None`: whatever number it has, taken as `f64`.
+    pub data_type: Option<DataType>,
+}
+
+/// A number as a server sends it: its type, and its bits as [`DataType::encode`] takes them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Scalar {
+    /// Its type.
+    pub data_type: DataType,
+    /// Its bits.
+    pub bits: u64,
+}
+
+impl Node {
+    /// How its value lies in the registers that [`Node::registers`] gives.
+    pub fn taken_as(&self) -> DataType {
+        self.data_type.unwrap_or(DataType::F64)
+    }
+
+    /// What the server has sent, as registers with the most significant first.
+    ///
+    /// # Errors
+    /// The node has another type than the profile says.
+    pub fn registers(&self, found: Scalar) -> Result<Encoded, Reason> {
+        match self.data_type {
+            None => Ok(DataType::F64.encode(found.value().to_bits())),
+            Some(data_type) if data_type == found.data_type => Ok(data_type.encode(found.bits)),
+            Some(_) => Err(Reason::WrongType),
+        }
+    }
+
+    /// The number that such registers are, in the node's own type.
+    pub fn scalar(&self, registers: &[u16]) -> Scalar {
+        Scalar { data_type: self.taken_as(), bits: Encoded::of(registers).bits() }
+    }
+}
+
+impl Scalar {
+    /// The number itself. One of 64 bits beyond 2^53 loses its last digits.
+    #[allow(clippy::cast_precision_loss)]
+    fn value(self) -> f64 {
+        match self.data_type {
+            DataType::F32 | DataType::F64 => super::float_of(self.data_type, self.bits),
+            _ => super::data_type::integer_of(self.data_type, self.bits) as f64,
+        }
+    }
+}
+
+impl FromStr for NodeId {
+    type Err = String;
+
+    /// # Errors
+    /// A sentence that says what is wrong.
+    fn from_str(text: &str) -> Result<NodeId, String> {
+        let (namespace, rest) = match text.strip_prefix("ns=") {
+            None => (0, text),
+            Some(rest) => {
+                let Some((number, rest)) = rest.split_once(';') else {
+                    return Err(format!("`{text}` ends behind its namespace"));
+                };
+                let number = number.parse();
+                (number.map_err(|_| format!("the namespace of `{text}` is no number up to 65535"))?, rest)
+            }
+        };
+        let (kind, name) = rest.split_once('=').ok_or_else(|| format!("`{text}` is no node"))?;
+        let identifier = match kind {
+            "i" => Identifier::Number(name.parse().map_err(|_| format!("`{name}` is no number of 32 bits"))?),
+            "s" if name.is_empty() => return Err(format!("`{text}` has no name behind `s=`")),
+            "s" => Identifier::Text(name.to_owned()),
+            "g" if is_guid(name) => Identifier::Guid(name.to_owned()),
+            "g" => return Err(format!("`{name}` is no GUID")),
+            "b" if is_base64(name) => Identifier::Opaque(name.to_owned()),
+            "b" => return Err(format!("`{name}` is no Base64")),
+            _ => return Err(format!("`{kind}=` is no kind of node; allowed: i, s, g, b")),
+        };
+        Ok(NodeId { namespace, identifier })
+    }
+}
+
+fn is_guid(text: &str) -> bool {
+    let groups: Vec<&str> = text.split('-').collect();
+    let is_hex = |(group, len): (&&str, usize)| {
+        group.len() == len && group.bytes().all(|byte| byte.is_ascii_hexdigit())
+    };
+    groups.len() == 5 && groups.iter().zip([8, 4, 4, 4, 12]).all(is_hex)
+}
+
+fn is_base64(text: &str) -> bool {
+    let digits = text.trim_end_matches('=');
+    let is_digit = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'+' | b'/');
+    !digits.is_empty()
+        && text.len().is_multiple_of(4)
+        && text.len() - digits.len() <= 2
+        && digits.bytes().all(is_digit)
+}
+
+impl fmt::Display for NodeId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.namespace != 0 {
+            write!(f, "ns={};", self.namespace)?;
+        }
+        match &self.identifier {
+            Identifier::Number(number) => write!(f, "i={number}"),
+            Identifier::Text(text) => write!(f, "s={text}"),
+            Identifier::Guid(text) => write!(f, "g={text}"),
+            Identifier::Opaque(text) => write!(f, "b={text}"),
+        }
+    }
+}
+
+impl fmt::Display for Node {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.id.fmt(f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn node(text: &str, data_type: Option<DataType>) -> Node {
+        Node { id: text.parse().unwrap(), data_type }
+    }
+
+    #[test]
+    fn a_node_is_read_and_printed_as_the_specification_writes_it() {
+        for text in [
+            "i=2258",
+            "ns=2;s=/Channel/Parameter/R[u1,10]",
+            "ns=2;s=a;b=c",
+            "ns=3;i=4294967295",
+            "ns=1;g=09087e75-8e5e-499b-954f-f2a9603db28a",
+            "ns=1;b=M/RbKBsRVkePCePcx24oRA==",
+        ] {
+            assert_eq!(text.parse::<NodeId>().unwrap().to_string(), text);
+        }
+        assert_eq!("ns=0;i=7".parse::<NodeId>().unwrap().to_string(), "i=7");
+        for (text, word) in [
+            ("holding:104", "is no node"),
+            ("ns=2", "ends behind its namespace"),
+            ("ns=65536;i=1", "no number up to 65535"),
+            ("ns=2;s=", "no name"),
+            ("i=-1", "no number of 32 bits"),
+            ("i=4294967296", "no number of 32 bits"),
+            ("ns=2;x=1", "allowed: i, s, g, b"),
+            ("g=09087e75", "no GUID"),
+            ("b=M/R", "no Base64"),
+        ] {
+            let why = text.parse::<NodeId>().unwrap_err();
+            assert!(why.contains(word), "{text}: {why}");
+        }
+    }
+
+    #[test]
+    fn a_node_without_a_type_takes_any_number_as_a_floating_point_one() {
+        let any = node("i=1", None);
+        let value = |data_type, bits| {
+            let bits = any.registers(Scalar { data_type, bits }).unwrap().bits();
+            f64::from_bits(bits)
+        };
+        assert_eq!(any.taken_as(), DataType::F64);
+        let close = |found: f64, expected: f64| assert!((found - expected).abs() == 0.0, "{found}");
+        close(value(DataType::I16, 0xfff6), -10.0);
+        close(value(DataType::signed(8), 0xff), -1.0);
+        close(value(DataType::Bool, 1), 1.0);
+        close(value(DataType::U64, 1 << 52), 4_503_599_627_370_496.0);
+        close(value(DataType::F32, u64::from(27.5f32.to_bits())), 27.5);
+        close(value(DataType::F64, (-0.25f64).to_bits()), -0.25);
+    }
+
+    #[test]
+    fn a_node_with_a_type_takes_that_type_and_no_other() {
+        let node = node("ns=2;i=5", Some(DataType::I32));
+        let found = Scalar { data_type: DataType::I32, bits: 0xffff_fffe };
+        let registers = node.registers(found).unwrap();
+        assert_eq!(registers.registers(), [0xffff, 0xfffe]);
+        assert_eq!(node.scalar(registers.registers()), found);
+        for other in [DataType::U32, DataType::I16, DataType::F32, DataType::Bool] {
+            assert_eq!(node.registers(Scalar { data_type: other, bits: 1 }), Err(Reason::WrongType));
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! Status codes of OPC UA by their names.
+
+use std::fmt;
+
+/// A status code of OPC UA. Its two highest bits say how bad it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Status(pub u32);
+
+/// The codes that a reader or a writer of values meets, as Part 6 of the specification numbers them.
+const NAMES: [(u32, &str); 42] = [
+    (0x4000, "Uncertain"),
+    (0x408f, "UncertainNoCommunicationLastUsableValue"),
+    (0x4090, "UncertainLastUsableValue"),
+    (0x4091, "UncertainSubstituteValue"),
+    (0x4092, "UncertainInitialValue"),
+    (0x4093, "UncertainSensorNotAccurate"),
+    (0x4094, "UncertainEngineeringUnitsExceeded"),
+    (0x4095, "UncertainSubNormal"),
+    (0x8000, "Bad"),
+    (0x8001, "BadUnexpectedError"),
+    (0x8002, "BadInternalError"),
+    (0x8003, "BadOutOfMemory"),
+    (0x8004, "BadResourceUnavailable"),
+    (0x8005, "BadCommunicationError"),
+    (0x800a, "BadTimeout"),
+    (0x800b, "BadServiceUnsupported"),
+    (0x8010, "BadTooManyOperations"),
+    (0x801f, "BadUserAccessDenied"),
+    (0x8031, "BadNoCommunication"),
+    (0x8032, "BadWaitingForInitialData"),
+    (0x8033, "BadNodeIdInvalid"),
+    (0x8034, "BadNodeIdUnknown"),
+    (0x8035, "BadAttributeIdInvalid"),
+    (0x8036, "BadIndexRangeInvalid"),
+    (0x8037, "BadIndexRangeNoData"),
+    (0x803a, "BadNotReadable"),
+    (0x803b, "BadNotWritable"),
+    (0x803c, "BadOutOfRange"),
+    (0x803d, "BadNotSupported"),
+    (0x803e, "BadNotFound"),
+    (0x8073, "BadWriteNotSupported"),
+    (0x8074, "BadTypeMismatch"),
+    (0x8089, "BadConfigurationError"),
+    (0x808a, "BadNotConnected"),
+    (0x808b, "BadDeviceFailure"),
+    (0x808c, "BadSensorFailure"),
+    (0x808d, "BadOutOfService"),
+    (0x809d, "BadDataLost"),
+    (0x80ae, "BadConnectionClosed"),
+    (0x80af, "BadInvalidState"),
+    (0x80e4, "BadRequestNotAllowed"),
+    (0x8110, "BadLicenseNotAvailable"),
+];
+
+impl Status {
+    /// The value may be used.
+    pub const fn is_good(self) -> bool {
+        self.0 >> 30 == 0
+    }
+
+    /// It is this one. The lower half says more of the value, and nothing of what has happened.
+    pub const fn is(self, code: u32) -> bool {
+        self.0 >> 16 == code >> 16
+    }
+
+    /// Its name, where it is one that is met.
+    pub fn name(self) -> Option<&'static str> {
+        let found = NAMES.iter().find(|(code, _)| *code == self.0 >> 16);
+        found.map(|(_, name)| *name)
+    }
+}
+
+/// `BadUserAccessDenied`, `status 80AB0000h`.
+impl fmt::Display for Status {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.name() {
+            Some(name) => f.write_str(name),
+            None => write!(f, "status {:08X}h", self.0),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_status_is_good_uncertain_or_bad_by_its_highest_bits() {
+        assert!(Status(0).is_good() && Status(0x0096_0000).is_good());
+        assert!(!Status(0x4090_0000).is_good() && !Status(0x8034_0000).is_good());
+    }
+
+    #[test]
+    fn a_status_has_its_name_whatever_its_lower_half_says() {
+        assert_eq!(Status(0x801f_0000).to_string(), "BadUserAccessDenied");
+        assert_eq!(Status(0x801f_0480).to_string(), "BadUserAccessDenied");
+        assert!(Status(0x801f_0480).is(0x801f_0000));
+        assert_eq!(Status(0x8123_0000).to_string(), "status 81230000h");
+    }
+}

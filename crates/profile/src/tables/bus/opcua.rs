@@ -1,0 +1,276 @@
+//! An OPC UA server: its endpoint, how the connection is secured, and as whom the gateway speaks.
+//!
+//! The files are read with the profile, so that one that is missing is reported at its key. What is in them is judged by
+//! whoever opens the line.
+
+use std::fmt;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::RawBus;
+use crate::document::Section;
+use crate::error::ProfileError;
+use crate::tables::{At, host_of};
+
+/// The port that the OPC Foundation has for it.
+const PORT: u16 = 4840;
+const SCHEME: &str = "opc.tcp://";
+
+/// What protects the messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(rename = "SecurityWord", description = "")]
+pub enum Security {
+    /// Nothing: whoever is on the network reads them and changes them.
+    None,
+    /// They are signed.
+    Sign,
+    /// They are signed and encrypted.
+    SignAndEncrypt,
+}
+
+/// As whom the gateway speaks: with a password, or with a certificate.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "OpcUaUser")]
+pub(crate) struct RawUser {
+    /// The user's name at the server.
+    name: Option<String>,
+    /// A file that holds the password alone.
+    password_file: Option<String>,
+    /// The user's certificate, in DER or PEM form.
+    cert: Option<String>,
+    /// Its private key, in PEM form.
+    key: Option<String>,
+}
+
+/// How a server is spoken to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OpcUa {
+    /// What protects the messages.
+    pub security: Security,
+    /// As whom.
+    pub user: User,
+    /// The gateway's own certificate and key; `None` where nothing is secured.
+    pub own: Option<(NamedFile, NamedFile)>,
+    /// The server certificates that are trusted.
+    pub trusted: Vec<NamedFile>,
+    /// The directory of those, as written.
+    pub trusted_in: Option<String>,
+    type_at: ProfileError,
+}
+
+/// As whom the gateway speaks.
+#[derive(Clone, Debug, PartialEq)]
+pub enum User {
+    /// As nobody.
+    Anonymous,
+    /// With a password.
+    Named {
+        /// The user's name.
+        name: String,
+        /// The file whose content, without the end of its line, is the password.
+        password: NamedFile,
+    },
+    /// With a certificate.
+    Certified {
+        /// The certificate.
+        cert: NamedFile,
+        /// Its private key.
+        key: NamedFile,
+    },
+}
+
+/// One of the files.
+#[derive(Clone, PartialEq)]
+pub struct NamedFile {
+    /// Its name, as written.
+    pub name: String,
+    /// What is in it.
+    pub bytes: Vec<u8>,
+    named_at: ProfileError,
+}
+
+impl NamedFile {
+    /// The error that this is wrong with the file.
+    pub fn wrong(&self, why: &str) -> ProfileError {
+        ProfileError { message: format!("{}: {why}", self.name), ..self.named_at.clone() }
+    }
+}
+
+/// Without its content: some of them are secrets.
+impl fmt::Debug for NamedFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("NamedFile").field(&self.name).finish()
+    }
+}
+
+impl OpcUa {
+    /// The error that this is wrong with the type of the line.
+    pub fn wrong_type(&self, message: &str, help: &str) -> ProfileError {
+        let (message, help) = (message.to_owned(), Some(help.to_owned()));
+        ProfileError { message, help, ..self.type_at.clone() }
+    }
+
+    /// What protects the messages, who speaks, and who is trusted.
+    pub(super) fn preview(&self) -> Section {
+        let security = match self.security {
+            Security::None => "neither signed nor encrypted",
+            Security::Sign => "signed, not encrypted",
+            Security::SignAndEncrypt => "signed and encrypted",
+        };
+        let user = match &self.user {
+            User::Anonymous => "nobody (anonymous)".to_owned(),
+            User::Named { name, .. } => format!("user {name}, by password"),
+            User::Certified { cert, .. } => format!("the user of the certificate {}", cert.name),
+        };
+        let mut section = Section::default();
+        section.line(format!("  messages are {security}; speaks as {user}"));
+        let trusted: Vec<&str> = self.trusted.iter().map(|file| file.name.as_str()).collect();
+        if let (Some((cert, _)), Some(directory)) = (&self.own, &self.trusted_in) {
+            section.line(format!(
+                "  shows {}; trusts the certificates in {directory}: {}",
+                cert.name,
+                trusted.join(", ")
+            ));
+        }
+        section.entry("security", security);
+        section.entry("user", user);
+        section.entry("shows", self.own.as_ref().map(|(cert, _)| &cert.name));
+        section.entry("trusts", trusted);
+        section
+    }
+}
+
+/// The URL of the server of an opcua line.
+pub(super) fn address(raw: &RawBus, at: &At<'_>) -> Option<String> {
+    let at = at.key("address");
+    let Some(address) = &raw.address else {
+        let help = format!("write its URL, as \"{SCHEME}192.168.214.241:{PORT}\"");
+        at.missing("`address` is missing: where is the server?", help);
+        return None;
+    };
+    let Some(rest) = address.strip_prefix(SCHEME) else {
+        let host = address.rsplit("://").next().unwrap_or_default();
+        let help = format!("write \"{SCHEME}{host}\": the gateway speaks OPC UA binary over TCP");
+        at.wrong(format!("`{address}` is no URL of an OPC UA server"), help);
+        return None;
+    };
+    let (host, path) = rest.split_once('/').map_or((rest, ""), |(host, path)| (host, path));
+    if host.contains('@') {
+        at.wrong("a URL in a profile names no user", "remove what stands before `@`, and write `user`");
+        return None;
+    }
+    let path = if path.is_empty() { String::new() } else { format!("/{path}") };
+    if host_of(host).is_some() {
+        return Some(format!("{SCHEME}{host}{path}"));
+    }
+    if host.is_empty() || host.contains(':') {
+        let help = format!("write host and port, as \"{SCHEME}192.168.214.241:{PORT}\"");
+        at.wrong(format!("`{host}` is no host and port"), help);
+        return None;
+    }
+    Some(format!("{SCHEME}{host}:{PORT}{path}"))
+}
+
+/// How the server of an opcua line is spoken to.
+pub(super) fn resolve(raw: &RawBus, at: &At<'_>) -> Option<OpcUa> {
+    if raw.security.is_none() {
+        let help =
+            "write \"sign-and-encrypt\", or \"sign\", or \"none\" on a network that only the machine is on";
+        at.key("security").missing("`security` is missing: what protects the messages?", help);
+    }
+    let user = match &raw.user {
+        None => Some(User::Anonymous),
+        Some(user) => user.resolve(&at.key("user")),
+    };
+    let security = raw.security?;
+    let type_at = at.check.spans.at_value(&at.key("type").path, "", None);
+    if security == Security::None {
+        let help = "remove it, or write security = \"sign-and-encrypt\"";
+        at.foreign(&["cert", "key", "trusted"], "a secured line", help);
+        if let Some(User::Named { .. }) = user {
+            let message = "nothing is encrypted: what is sent in this user's name may be changed by whoever is on the network";
+            at.key("security").warn(message, "write \"sign-and-encrypt\", if the server can do it");
+        }
+        return Some(OpcUa {
+            security,
+            user: user?,
+            own: None,
+            trusted: Vec::new(),
+            trusted_in: None,
+            type_at,
+        });
+    }
+    let cert = file(at, "cert", raw.cert.as_ref(), "name the gateway's own certificate, in DER or PEM form");
+    let key = file(at, "key", raw.key.as_ref(), "name the private key of `cert`, in PEM form");
+    at.key("key").secret(raw.key.as_ref());
+    let trusted = trusted(at, raw.trusted.as_ref());
+    let own = cert.zip(key);
+    let (own, trusted, trusted_in) = (Some(own?), trusted?, raw.trusted.clone());
+    Some(OpcUa { security, user: user?, own, trusted, trusted_in, type_at })
+}
+
+impl RawUser {
+    fn resolve(&self, at: &At<'_>) -> Option<User> {
+        let by_password = self.name.is_some() || self.password_file.is_some();
+        if by_password && (self.cert.is_some() || self.key.is_some()) {
+            let help = "keep `name` and `password_file`, or `cert` and `key`";
+            at.wrong_key("a user has either a password or a certificate", help);
+            return None;
+        }
+        if !by_password {
+            let cert =
+                file(at, "cert", self.cert.as_ref(), "name the user's certificate, in DER or PEM form");
+            let key = file(at, "key", self.key.as_ref(), "name the private key of `cert`, in PEM form");
+            at.key("key").secret(self.key.as_ref());
+            return Some(User::Certified { cert: cert?, key: key? });
+        }
+        if self.name.is_none() {
+            at.key("name").missing("`name` is missing: which user of the server?", "write name = \"…\"");
+        }
+        let help = "name a file that holds the password alone, readable for the gateway only";
+        let password = file(at, "password_file", self.password_file.as_ref(), help);
+        at.key("password_file").secret(self.password_file.as_ref());
+        Some(User::Named { name: self.name.clone()?, password: password? })
+    }
+}
+
+fn file(at: &At<'_>, key: &str, name: Option<&String>, help: &str) -> Option<NamedFile> {
+    let at = at.key(key);
+    let Some(name) = name else {
+        at.missing(format!("`{key}` is missing"), help);
+        return None;
+    };
+    let bytes = at.file(name, help)?;
+    Some(NamedFile {
+        name: name.clone(),
+        bytes,
+        named_at: at.check.spans.at_value(&at.path, "", Some(help.to_owned())),
+    })
+}
+
+/// The certificates in the directory that is named.
+fn trusted(at: &At<'_>, directory: Option<&String>) -> Option<Vec<NamedFile>> {
+    let at = at.key("trusted");
+    let help = "name a directory with the certificates of the servers that are trusted, each in a file of its own that \
+                ends in .der, .crt or .pem";
+    let Some(directory) = directory else {
+        at.missing("`trusted` is missing: whose certificates are taken?", help);
+        return None;
+    };
+    let mut found = Vec::new();
+    for end in [".der", ".crt", ".pem"] {
+        for name in at.check.files.names(directory, end) {
+            let name = format!("{directory}/{name}{end}");
+            let bytes = at.file(&name, help)?;
+            let named_at = at.check.spans.at_value(&at.path, "", Some(help.to_owned()));
+            found.push(NamedFile { name, bytes, named_at });
+        }
+    }
+    if found.is_empty() {
+        at.warn(format!("there is no certificate in {directory}: no server is trusted"), help);
+    }
+    Some(found)
+}

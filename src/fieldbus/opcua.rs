@@ -1,0 +1,150 @@
+//! An OPC UA server, spoken to by the library async-opcua: binary over TCP, on sockets of ours.
+//!
+//! ```text
+//! dial ─► endpoints ─► trusted? ─► secure channel ─► session (the one from before, or a new one) ─► limits
+//! wire ─► one Read or Write call at a time; nothing is sent that nobody has asked for
+//! ```
+//!
+//! - The library's own session, which reconnects, keeps alive and repeats by itself, is not used: [`DeviceLine`] does that for every
+//!   kind of line, and nothing is sent behind its back.
+//! - A connection that is lost leaves its session at the server. The next one takes it up again, so that a server with few sessions
+//!   does not run out of them.
+//! - A certificate is trusted where it is, byte for byte, one of those in the profile's directory, and its time is not over. No
+//!   authority is asked, and no name in it is compared.
+//! - An answer whose number is nobody's is passed over by the library. It is never taken for another's.
+//!
+//! [`DeviceLine`]: super::line::DeviceLine
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use ::opcua::client::{AsyncSecureChannel, IdentityToken};
+use ::opcua::types::EndpointDescription;
+
+use super::connection::{Connection, Dial};
+use super::error::{Fault, LinkFault};
+use super::opcua_fault::OpcUaFault;
+use super::tcp::connected;
+use super::trace::Tap;
+use super::wire::Boxed;
+use channel::{Link, Socket};
+use files::Files;
+use isotherm_profile::{Bus, Security};
+use session::Session;
+use status::dial_fault;
+use wire::OpcUa;
+
+mod channel;
+mod endpoint;
+mod files;
+mod session;
+mod status;
+mod value;
+mod wire;
+
+pub(super) use files::wrong;
+
+/// Signatures, certificates and a server that makes up its mind take longer than an answer.
+const OPENING: Duration = Duration::from_secs(5);
+
+/// Opens sessions with one server.
+pub(super) struct OpcUaDial {
+    /// Its URL.
+    url: String,
+    /// Host and port of that.
+    address: String,
+    security: Security,
+    timeout: Duration,
+    /// `None`: they are of no use, as [`wrong`] says.
+    files: Option<Files>,
+    /// What is kept beyond a connection: the session, which the next one takes up.
+    known: Option<Known>,
+}
+
+/// What is known of a server.
+struct Known {
+    channel: Arc<AsyncSecureChannel>,
+    endpoint: EndpointDescription,
+    session: Session,
+}
+
+impl OpcUaDial {
+    /// To the server of this bus; `None` for any other kind of line.
+    pub(super) fn new(bus: &Bus) -> Option<OpcUaDial> {
+        let line = bus.opcua.as_ref()?;
+        let rest = bus.address.split_once("://").map_or(bus.address.as_str(), |(_, rest)| rest);
+        let address = rest.split('/').next().unwrap_or_default().to_owned();
+        let (url, timeout) = (bus.address.clone(), bus.timeout);
+        let files = Files::read(line).ok();
+        Some(OpcUaDial { url, address, security: line.security, timeout, files, known: None })
+    }
+
+    async fn open(&mut self) -> Result<Connection, Fault> {
+        let opened = self.session().await;
+        if opened.is_err() {
+            // Its endpoint may be another by now, and its certificate.
+            self.known = self.known.take().filter(|known| known.session.is_alive());
+        }
+        opened
+    }
+
+    async fn session(&mut self) -> Result<Connection, Fault> {
+        let Some(files) = &self.files else { return Err(fault(OpcUaFault::OurFiles)) };
+        files.own_is_valid().map_err(fault)?;
+        if self.known.is_none() {
+            let endpoints = self.endpoints().await?;
+            let endpoint = endpoint::choose(endpoints, self.security, &files.user)
+                .ok_or(fault(OpcUaFault::NoEndpoint))?;
+            if self.security != Security::None {
+                files.trusts(endpoint.server_certificate.as_ref()).map_err(fault)?;
+            }
+            let channel = Arc::new(channel::secured(&endpoint));
+            let session = Session::none(files.application.clone(), self.timeout);
+            self.known = Some(Known { channel, endpoint, session });
+        }
+        let Some(Known { channel, endpoint, session }) = &mut self.known else {
+            return Err(fault(OpcUaFault::NoServer));
+        };
+        let socket = connected(&self.address, self.timeout).await?;
+        let own = files.own.as_ref().filter(|_| self.security != Security::None);
+        let socket = Socket::new(&self.url, socket, own);
+        let mut link = Link::open(channel.clone(), &socket).await.map_err(|error| dial_fault(&error))?;
+        session.begin(&mut link, endpoint, own, &files.user).await?;
+        let limits = session.limits(&mut link).await?;
+        Ok(Connection::Other(Box::new(OpcUa::new(link, session.clone(), limits))))
+    }
+
+    /// What the server offers, asked on a connection of its own that nothing protects.
+    async fn endpoints(&self) -> Result<Vec<EndpointDescription>, Fault> {
+        let socket = connected(&self.address, self.timeout).await?;
+        let socket = Socket::new(&self.url, socket, None);
+        let plain = channel::secured(&EndpointDescription::from(self.url.as_str()));
+        let mut link = Link::open(Arc::new(plain), &socket).await.map_err(|_| fault(OpcUaFault::NoServer))?;
+        session::endpoints(&mut link, &self.url, self.timeout + OPENING).await
+    }
+}
+
+fn fault(why: OpcUaFault) -> Fault {
+    Fault::Link(LinkFault::OpcUa(why))
+}
+
+impl Dial for OpcUaDial {
+    fn dial<'a>(&'a mut self, _: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
+        Box::pin(self.open())
+    }
+
+    fn takes(&self) -> Duration {
+        OPENING
+    }
+}
+
+/// Says as whom, without what is secret.
+fn user_kind(user: &IdentityToken) -> ::opcua::types::UserTokenType {
+    use ::opcua::types::UserTokenType;
+    match user {
+        IdentityToken::Anonymous => UserTokenType::Anonymous,
+        IdentityToken::UserName(..) => UserTokenType::UserName,
+        IdentityToken::X509(..) => UserTokenType::Certificate,
+        IdentityToken::IssuedToken(_) => UserTokenType::IssuedToken,
+    }
+}

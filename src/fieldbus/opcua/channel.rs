@@ -1,0 +1,168 @@
+//! A secure channel on a socket of ours, whose events are only served while somebody waits for an answer.
+
+use std::future::Future;
+use std::pin::pin;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use ::opcua::client::transport::{
+    Connector, RequestRecv, SecureChannelEventLoop, SecureChannelState, StreamConnection, StreamConnector,
+    StreamTransport, TransportConfiguration, TransportPollResult,
+};
+use ::opcua::client::{AsyncSecureChannel, SessionRetryPolicy};
+use ::opcua::core::comms::tcp_codec::TcpCodec;
+use ::opcua::crypto::{CertificateStore, PrivateKey, X509};
+use ::opcua::sync::RwLock;
+use ::opcua::types::{ContextOwned, DecodingOptions, EndpointDescription, Error, NamespaceMap, StatusCode};
+use tokio::io::{ReadHalf, WriteHalf};
+use tokio::net::TcpStream;
+use tokio_util::codec::FramedRead;
+
+/// How long the keys of a channel are asked for, milliseconds. They are renewed before a request where three quarters are over.
+const LIFETIME: u32 = 600_000;
+/// The largest chunk and message of this end; a read of a thousand nodes is far below.
+const CHUNK: usize = 65_535;
+const MESSAGE: usize = 4_000_000;
+const CHUNKS: usize = 100;
+
+type Transport = StreamTransport<ReadHalf<TcpStream>, WriteHalf<TcpStream>>;
+
+/// A channel to this endpoint; not open yet.
+pub(super) fn secured(endpoint: &EndpointDescription) -> AsyncSecureChannel {
+    // Nothing is kept in a store of the library's: certificates come with the profile.
+    let store = Arc::new(RwLock::new(CertificateStore::new(std::path::Path::new(""))));
+    let info = endpoint.clone().into();
+    let config = TransportConfiguration {
+        send_buffer_size: CHUNK,
+        recv_buffer_size: CHUNK,
+        max_message_size: MESSAGE,
+        max_chunk_count: CHUNKS,
+    };
+    let context = ContextOwned::new_default(NamespaceMap::new(), DecodingOptions::default());
+    let never = SessionRetryPolicy::never();
+    let context = Arc::new(RwLock::new(context));
+    // The server's clock need not be ours.
+    AsyncSecureChannel::new(store, info, never, true, Arc::default(), config, LIFETIME, context)
+}
+
+/// A socket that is open, and what the gateway shows on it.
+pub(super) struct Socket {
+    url: String,
+    stream: Mutex<Option<TcpStream>>,
+    own: Option<(X509, PrivateKey)>,
+    state: Mutex<Option<Arc<SecureChannelState>>>,
+}
+
+impl Socket {
+    pub(super) fn new(url: &str, stream: TcpStream, own: Option<&(X509, PrivateKey)>) -> Socket {
+        let (stream, state) = (Mutex::new(Some(stream)), Mutex::new(None));
+        Socket { url: url.to_owned(), stream, own: own.cloned(), state }
+    }
+
+    fn state(&self) -> Option<Arc<SecureChannelState>> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn take(&self) -> Result<TcpStream, Error> {
+        let stream = self.stream.lock().unwrap_or_else(PoisonError::into_inner).take();
+        stream.ok_or_else(|| Error::new(StatusCode::BadNotConnected, "the socket has been taken"))
+    }
+}
+
+impl Connector for Socket {
+    type Transport = Transport;
+
+    async fn connect(
+        &self,
+        channel: Arc<SecureChannelState>,
+        outgoing: RequestRecv,
+        config: TransportConfiguration,
+    ) -> Result<Transport, Error> {
+        {
+            let mut secure = channel.secure_channel().write();
+            let (cert, key) = self.own.clone().unzip();
+            secure.set_cert(cert);
+            secure.set_private_key(key);
+        }
+        *self.state.lock().unwrap_or_else(PoisonError::into_inner) = Some(channel.clone());
+        let open = |url: String, options: DecodingOptions| {
+            let stream = self.take();
+            async move {
+                let (reader, writer) = tokio::io::split(stream?);
+                let reader = FramedRead::new(reader, TcpCodec::new(options));
+                Ok(StreamConnection::new(reader, writer, url))
+            }
+        };
+        StreamConnector::new(open, self.url.clone()).connect(channel, outgoing, config).await
+    }
+
+    fn default_endpoint(&self) -> EndpointDescription {
+        EndpointDescription::from(self.url.as_str())
+    }
+}
+
+/// An open channel.
+pub(super) struct Link {
+    pub(super) channel: Arc<AsyncSecureChannel>,
+    events: SecureChannelEventLoop<Transport>,
+    state: Arc<SecureChannelState>,
+}
+
+impl Link {
+    pub(super) async fn open(channel: Arc<AsyncSecureChannel>, socket: &Socket) -> Result<Link, Error> {
+        let events = channel.connect_no_retry(socket).await?;
+        let state = socket.state();
+        let state = state.ok_or_else(|| Error::new(StatusCode::BadNotConnected, "no channel"))?;
+        Ok(Link { channel, events, state })
+    }
+
+    /// Waits for what was asked, and serves the socket meanwhile.
+    pub(super) async fn ask<T>(
+        &mut self,
+        answer: impl Future<Output = Result<T, Error>>,
+    ) -> Result<T, Error> {
+        let mut answer = pin!(answer);
+        loop {
+            tokio::select! {
+                biased;
+                answered = &mut answer => return answered,
+                event = self.events.poll() => {
+                    if let TransportPollResult::Closed(status) = event {
+                        let status = if status.is_good() { StatusCode::BadConnectionClosed } else { status };
+                        return Err(Error::new(status, "closed"));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Whether the other end has closed it while nothing was under way. What it has sent meanwhile answers nobody.
+    pub(super) async fn is_closed(&mut self) -> bool {
+        loop {
+            tokio::select! {
+                biased;
+                event = self.events.poll() => {
+                    if matches!(event, TransportPollResult::Closed(_)) {
+                        return true;
+                    }
+                }
+                () = std::future::ready(()) => return false,
+            }
+        }
+    }
+
+    /// The next request would be preceded by one for new keys.
+    pub(super) fn is_due_for_new_keys(&self) -> bool {
+        self.state.secure_channel().read().should_renew_security_token()
+    }
+
+    /// The number that the server has made up for the next signature over its session.
+    pub(super) fn set_nonce(&self, nonce: &::opcua::types::ByteString) -> Result<(), Error> {
+        self.state.secure_channel().write().set_remote_nonce_from_byte_string(nonce)
+    }
+}
+
+/// How long the library waits for an answer at most; the line gives up before that.
+pub(super) const fn patience(timeout: Duration) -> Duration {
+    timeout.saturating_mul(2)
+}

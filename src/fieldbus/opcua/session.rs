@@ -1,0 +1,227 @@
+//! A session with a server: made, taken up again on a new channel, and what the server allows in it.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use ::opcua::client::services::{ActivateSession, Read};
+use ::opcua::client::{IdentityToken, UARequest};
+use ::opcua::core::ResponseMessage;
+use ::opcua::crypto::{PrivateKey, SecurityPolicy, X509, random, verify_signature_data};
+use ::opcua::types::{
+    ApplicationDescription, ApplicationType, AttributeId, ByteString, CreateSessionRequest, DateTime,
+    EndpointDescription, Error, GetEndpointsRequest, NodeId, ReadValueId, RequestHeader, StatusCode,
+    TimestampsToReturn, VariableId,
+};
+
+use super::channel::{Link, patience};
+use super::status::{call_fault, dial_fault};
+use super::{OPENING, fault};
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::opcua_fault::OpcUaFault;
+
+/// How long a server keeps a session of which it hears nothing, milliseconds: a gateway that was killed holds its place as long.
+const LIFETIME: f64 = 60_000.0;
+const NONCE: usize = 32;
+
+/// A session. Whoever has a copy of it has the same one.
+#[derive(Clone)]
+pub(super) struct Session {
+    application: String,
+    timeout: Duration,
+    held: Arc<Mutex<Option<Held>>>,
+}
+
+/// What a server has given for a session.
+#[derive(Clone)]
+struct Held {
+    /// What shows the server whose request it is.
+    token: NodeId,
+    /// The number that the next signature is to contain.
+    nonce: ByteString,
+}
+
+/// How many nodes a server takes in one call.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Limits {
+    pub(super) read: usize,
+}
+
+/// The endpoints of a server.
+pub(super) async fn endpoints(
+    link: &mut Link,
+    url: &str,
+    timeout: Duration,
+) -> Result<Vec<EndpointDescription>, Fault> {
+    let channel = link.channel.clone();
+    let request = GetEndpointsRequest {
+        request_header: header(&NodeId::null(), channel.request_handle(), timeout),
+        endpoint_url: url.into(),
+        locale_ids: None,
+        profile_uris: None,
+    };
+    let answer = link.ask(channel.send(request, timeout)).await.map_err(|error| dial_fault(&error))?;
+    match answer {
+        ResponseMessage::GetEndpoints(found) => Ok(found.endpoints.unwrap_or_default()),
+        other => Err(dial_fault(&refused(&other))),
+    }
+}
+
+fn header(token: &NodeId, handle: u32, timeout: Duration) -> RequestHeader {
+    let timeout_hint = u32::try_from(timeout.as_millis()).unwrap_or(u32::MAX);
+    RequestHeader { timeout_hint, ..RequestHeader::new(token, &DateTime::now(), handle) }
+}
+
+/// What a server says in place of an answer.
+fn refused(answer: &ResponseMessage) -> Error {
+    let status = match answer {
+        ResponseMessage::ServiceFault(fault) => fault.response_header.service_result,
+        _ => StatusCode::BadUnknownResponse,
+    };
+    Error::new(status, "refused")
+}
+
+impl Session {
+    /// None yet, of this application.
+    pub(super) fn none(application: String, timeout: Duration) -> Session {
+        Session { application, timeout, held: Arc::default() }
+    }
+
+    /// The server keeps it, as far as is known.
+    pub(super) fn is_alive(&self) -> bool {
+        self.held().is_some()
+    }
+
+    /// The server does not keep it any more.
+    pub(super) fn is_over(&self) {
+        self.hold(None);
+    }
+
+    /// What shows the server whose request it is.
+    pub(super) fn token(&self) -> NodeId {
+        self.held().map_or(NodeId::null(), |held| held.token)
+    }
+
+    /// How long the library waits for an answer at most.
+    pub(super) fn patience(&self) -> Duration {
+        patience(self.timeout)
+    }
+
+    fn held(&self) -> Option<Held> {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn hold(&self, held: Option<Held>) {
+        *self.held.lock().unwrap_or_else(PoisonError::into_inner) = held;
+    }
+
+    /// Takes it up on a new channel; where the server does not have it any more, a new one is made.
+    pub(super) async fn begin(
+        &self,
+        link: &mut Link,
+        endpoint: &EndpointDescription,
+        own: Option<&(X509, PrivateKey)>,
+        user: &IdentityToken,
+    ) -> Result<(), Fault> {
+        if let Some(held) = self.held() {
+            if self.activate(link, endpoint, own, user, held).await.is_ok() {
+                return Ok(());
+            }
+            self.is_over();
+        }
+        let held = self.create(link, endpoint, own).await?;
+        self.activate(link, endpoint, own, user, held).await.map_err(|error| dial_fault(&error))
+    }
+
+    async fn create(
+        &self,
+        link: &mut Link,
+        endpoint: &EndpointDescription,
+        own: Option<&(X509, PrivateKey)>,
+    ) -> Result<Held, Fault> {
+        let channel = link.channel.clone();
+        let nonce = random::byte_string(NONCE);
+        let request = CreateSessionRequest {
+            request_header: header(&NodeId::null(), channel.request_handle(), OPENING),
+            client_description: ApplicationDescription {
+                application_uri: self.application.as_str().into(),
+                product_uri: "urn:isotherm".into(),
+                application_name: "isotherm".into(),
+                application_type: ApplicationType::Client,
+                ..Default::default()
+            },
+            server_uri: Default::default(),
+            endpoint_url: endpoint.endpoint_url.clone(),
+            session_name: "isotherm".into(),
+            client_nonce: nonce.clone(),
+            client_certificate: own.map_or_else(ByteString::null, |(cert, _)| cert.as_byte_string()),
+            requested_session_timeout: LIFETIME,
+            max_response_message_size: 0,
+        };
+        let answer = link.ask(channel.send(request, OPENING)).await.map_err(|error| dial_fault(&error))?;
+        let ResponseMessage::CreateSession(made) = answer else { return Err(dial_fault(&refused(&answer))) };
+        if made.response_header.service_result.is_bad() {
+            return Err(dial_fault(&Error::new(made.response_header.service_result, "refused")));
+        }
+        if let Some((cert, _)) = own {
+            // The certificate is the one that was trusted, and whoever answers has its key.
+            let not_proven = |_| fault(OpcUaFault::NotProven);
+            if made.server_certificate != endpoint.server_certificate {
+                return Err(fault(OpcUaFault::NotProven));
+            }
+            let server = X509::from_byte_string(&made.server_certificate).map_err(not_proven)?;
+            let policy = SecurityPolicy::from_uri(endpoint.security_policy_uri.as_ref());
+            verify_signature_data(&made.server_signature, policy, &server, cert, nonce.as_ref())
+                .map_err(not_proven)?;
+        }
+        Ok(Held { token: made.authentication_token.clone(), nonce: made.server_nonce.clone() })
+    }
+
+    async fn activate(
+        &self,
+        link: &mut Link,
+        endpoint: &EndpointDescription,
+        own: Option<&(X509, PrivateKey)>,
+        user: &IdentityToken,
+        held: Held,
+    ) -> Result<(), Error> {
+        let channel = link.channel.clone();
+        channel.set_auth_token(held.token.clone());
+        // A new channel has a nonce of its own, over which nothing is signed here.
+        link.set_nonce(&held.nonce)?;
+        let (token, handle) = (held.token.clone(), channel.request_handle());
+        let request = ActivateSession::new_manual(endpoint.clone(), 0, OPENING, token, handle)
+            .identity_token(user.clone());
+        let request = match own {
+            Some((_, key)) => request.private_key(key.clone()),
+            None => request,
+        };
+        let answer = link.ask(request.send(&channel)).await?;
+        self.hold(Some(Held { nonce: answer.server_nonce.clone(), ..held }));
+        Ok(())
+    }
+
+    /// What the server takes in one call; one that does not say takes everything.
+    pub(super) async fn limits(&self, link: &mut Link) -> Result<Limits, Fault> {
+        let channel = link.channel.clone();
+        let read = Read::new_manual(0, OPENING, self.token(), channel.request_handle())
+            .timestamps_to_return(TimestampsToReturn::Neither)
+            .node(value_of(VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerRead.into()));
+        let answer = link.ask(read.send(&channel)).await.map_err(|error| call_fault(&error))?;
+        let found = answer.results.unwrap_or_default();
+        let most = found.first().and_then(|found| match found.value {
+            Some(::opcua::types::Variant::UInt32(most)) if most > 0 => usize::try_from(most).ok(),
+            _ => None,
+        });
+        Ok(Limits { read: most.unwrap_or(usize::MAX) })
+    }
+}
+
+/// The question for the value of a node.
+pub(super) fn value_of(node_id: NodeId) -> ReadValueId {
+    ReadValueId {
+        node_id,
+        attribute_id: AttributeId::Value as u32,
+        index_range: Default::default(),
+        data_encoding: Default::default(),
+    }
+}

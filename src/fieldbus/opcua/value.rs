@@ -1,0 +1,127 @@
+//! What the library has of nodes and values ↔ what the profile has.
+
+use std::time::Duration;
+
+use ::opcua::types::{ByteString, DataValue, Guid, NodeId, Variant};
+use isotherm_core::codec::{DataType, Identifier, Node, Scalar};
+use isotherm_core::reading::Reason;
+
+use crate::fieldbus::wire::{NodeReading, Stamped};
+
+/// Two clocks that are right differ by no more than this.
+const APART: Duration = Duration::from_secs(1);
+/// Ticks of OPC UA's time, 100 ns each, in a second.
+const TICKS: u64 = 10_000_000;
+
+/// The node as the library has it; `None` where it is none there.
+pub(super) fn node_id(id: &isotherm_core::codec::NodeId) -> Option<NodeId> {
+    let namespace = id.namespace;
+    Some(match &id.identifier {
+        Identifier::Number(number) => NodeId::new(namespace, *number),
+        Identifier::Text(text) => NodeId::new(namespace, text.as_str()),
+        Identifier::Guid(text) => NodeId::new(namespace, text.parse::<Guid>().ok()?),
+        Identifier::Opaque(text) => NodeId::new(namespace, ByteString::from_base64(text)?),
+    })
+}
+
+/// What a server has sent of a node.
+pub(super) fn reading(node: &Node, value: &DataValue) -> NodeReading {
+    let status = value.status.unwrap_or_default();
+    let stamped = match (value.source_timestamp, value.server_timestamp) {
+        (Some(source), Some(server)) => since(source.ticks(), server.ticks()),
+        _ => Stamped::Unknown,
+    };
+    let scalar = match (&value.value, status.bits() >> 30) {
+        (_, severity) if severity != 0 => Err(Reason::Status(status.bits())),
+        (Some(value), _) => scalar(value).ok_or(Reason::WrongType),
+        (None, _) => Err(Reason::BadReply),
+    };
+    NodeReading { value: scalar.and_then(|scalar| node.registers(scalar)), stamped }
+}
+
+/// How long before the one moment the other was.
+fn since(source: i64, server: i64) -> Stamped {
+    let ticks = source.abs_diff(server);
+    let apart = Duration::from_secs(ticks / TICKS) + Duration::from_nanos(100 * (ticks % TICKS));
+    match source <= server {
+        true => Stamped::Ago(apart),
+        false if apart <= APART => Stamped::Ago(Duration::ZERO),
+        false => Stamped::Ahead,
+    }
+}
+
+/// The number that a value is; `None` where it is none.
+fn scalar(value: &Variant) -> Option<Scalar> {
+    let (data_type, bits) = match value {
+        Variant::Boolean(value) => (DataType::Bool, u64::from(*value)),
+        Variant::SByte(value) => (DataType::signed(8), u64::from(value.cast_unsigned())),
+        Variant::Byte(value) => (DataType::unsigned(8), u64::from(*value)),
+        Variant::Int16(value) => (DataType::I16, u64::from(value.cast_unsigned())),
+        Variant::UInt16(value) => (DataType::U16, u64::from(*value)),
+        Variant::Int32(value) => (DataType::I32, u64::from(value.cast_unsigned())),
+        Variant::UInt32(value) => (DataType::U32, u64::from(*value)),
+        Variant::Int64(value) => (DataType::I64, value.cast_unsigned()),
+        Variant::UInt64(value) => (DataType::U64, *value),
+        Variant::Float(value) => (DataType::F32, u64::from(value.to_bits())),
+        Variant::Double(value) => (DataType::F64, value.to_bits()),
+        _ => return None,
+    };
+    Some(Scalar { data_type, bits })
+}
+
+/// The value in the node's own type; `None` where OPC UA has no such type.
+pub(super) fn variant(Scalar { data_type, bits }: Scalar) -> Option<Variant> {
+    let [a, b, c, d, ..] = bits.to_le_bytes();
+    let (byte, word, double) = (a, u16::from_le_bytes([a, b]), u32::from_le_bytes([a, b, c, d]));
+    Some(match data_type {
+        DataType::Bool => Variant::Boolean(bits != 0),
+        DataType::Signed(8) => Variant::SByte(byte.cast_signed()),
+        DataType::Unsigned(8) => Variant::Byte(byte),
+        DataType::I16 => Variant::Int16(word.cast_signed()),
+        DataType::U16 => Variant::UInt16(word),
+        DataType::I32 => Variant::Int32(double.cast_signed()),
+        DataType::U32 => Variant::UInt32(double),
+        DataType::I64 => Variant::Int64(bits.cast_signed()),
+        DataType::U64 => Variant::UInt64(bits),
+        DataType::F32 => Variant::Float(f32::from_bits(double)),
+        DataType::F64 => Variant::Double(f64::from_bits(bits)),
+        DataType::Bit(_) | DataType::Decimal24(_) | DataType::Signed(_) | DataType::Unsigned(_) => {
+            return None;
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_number_goes_to_the_server_and_comes_back_as_it_was() {
+        let numbers = [
+            (DataType::Bool, 1),
+            (DataType::signed(8), 0x80),
+            (DataType::unsigned(8), 0xfe),
+            (DataType::I16, 0x8001),
+            (DataType::U16, 0xfffe),
+            (DataType::I32, 0x8000_0001),
+            (DataType::U32, 0xffff_fffe),
+            (DataType::I64, 0x8000_0000_0000_0001),
+            (DataType::U64, u64::MAX - 1),
+            (DataType::F32, u64::from(27.5f32.to_bits())),
+            (DataType::F64, (-0.25f64).to_bits()),
+        ];
+        for (data_type, bits) in numbers {
+            let number = Scalar { data_type, bits };
+            assert_eq!(scalar(&variant(number).unwrap()), Some(number));
+        }
+        assert_eq!(scalar(&Variant::from("27.5")), None);
+    }
+
+    #[test]
+    fn a_stamp_is_as_old_as_the_server_s_clock_says_and_one_ahead_of_it_is_told() {
+        const HOUR: i64 = 3600 * 10_000_000;
+        assert_eq!(since(0, HOUR), Stamped::Ago(Duration::from_hours(1)));
+        assert_eq!(since(5_000_000, 0), Stamped::Ago(Duration::ZERO));
+        assert_eq!(since(HOUR, 0), Stamped::Ahead);
+    }
+}

@@ -1,0 +1,129 @@
+//! One request and its answer in a session.
+
+use ::opcua::client::UARequest;
+use ::opcua::client::services::{Read, Write};
+use ::opcua::types::{AttributeId, DataValue, Error, TimestampsToReturn, VariableId, WriteValue};
+use isotherm_core::codec::Node;
+use isotherm_core::reading::Status;
+
+use super::channel::Link;
+use super::session::{Limits, Session, value_of};
+use super::status::{call_fault, is_of_the_session};
+use super::value::{node_id, reading, variant};
+use crate::fieldbus::departure::Departure;
+use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
+use crate::fieldbus::wire::{Answer, Boxed, NodeRequest, Request, Wire};
+
+/// An open session on an open channel.
+pub(super) struct OpcUa {
+    link: Link,
+    session: Session,
+    limits: Limits,
+}
+
+impl OpcUa {
+    pub(super) fn new(link: Link, session: Session, limits: Limits) -> OpcUa {
+        OpcUa { link, session, limits }
+    }
+
+    async fn exchange(&mut self, request: Request<'_>, departure: &mut Departure) -> Result<Answer, Fault> {
+        let Request::Nodes(request) = request else { return Err(Fault::Caller(CallerFault::Function)) };
+        if self.link.is_closed().await {
+            return Err(Fault::CLOSED);
+        }
+        if self.link.is_due_for_new_keys() {
+            self.renew_keys().await?;
+        }
+        match request {
+            NodeRequest::Read(nodes) => self.read(nodes, departure).await,
+            NodeRequest::Write { node, values } => self.write(node, values, departure).await,
+        }
+    }
+
+    /// As many calls as the server's limit needs. All of it is as old as the first.
+    async fn read(&mut self, nodes: &[Node], departure: &mut Departure) -> Result<Answer, Fault> {
+        let ids: Option<Vec<_>> = nodes.iter().map(|node| node_id(&node.id).map(value_of)).collect();
+        let mut ids = ids.ok_or(Fault::Caller(CallerFault::Extent))?;
+        let mut found = Vec::with_capacity(nodes.len());
+        departure.leave()?;
+        while !ids.is_empty() {
+            let rest = ids.split_off(ids.len().min(self.limits.read));
+            let asked = std::mem::replace(&mut ids, rest);
+            let count = asked.len();
+            let values = self.call(asked, TimestampsToReturn::Both).await?;
+            if values.len() != count {
+                return Err(Fault::Peer(PeerFault::Length));
+            }
+            found.extend(values);
+        }
+        Ok(Answer::Nodes(nodes.iter().zip(&found).map(|(node, value)| reading(node, value)).collect()))
+    }
+
+    /// One value in the node's own type, without a time or a quality: many servers take no others.
+    async fn write(
+        &mut self,
+        node: &Node,
+        values: &[u16],
+        departure: &mut Departure,
+    ) -> Result<Answer, Fault> {
+        let id = node_id(&node.id).zip(variant(node.scalar(values)));
+        let (node_id, value) = id.ok_or(Fault::Caller(CallerFault::Extent))?;
+        let value = WriteValue {
+            node_id,
+            attribute_id: AttributeId::Value as u32,
+            index_range: Default::default(),
+            value: DataValue { value: Some(value), ..DataValue::null() },
+        };
+        let channel = self.link.channel.clone();
+        let handle = channel.request_handle();
+        let write = Write::new_manual(0, self.session.patience(), self.session.token(), handle).node(value);
+        departure.leave()?;
+        let answer = self.link.ask(write.send(&channel)).await.map_err(|error| self.failed(&error))?;
+        match answer.results.unwrap_or_default().as_slice() {
+            [status] if status.is_good() => Ok(Answer::Done),
+            [status] => Err(Fault::Status(Status(status.bits()))),
+            _ => Err(Fault::Peer(PeerFault::Length)),
+        }
+    }
+
+    async fn call(
+        &mut self,
+        nodes: Vec<::opcua::types::ReadValueId>,
+        stamps: TimestampsToReturn,
+    ) -> Result<Vec<DataValue>, Fault> {
+        let channel = self.link.channel.clone();
+        let handle = channel.request_handle();
+        // With a largest age of zero the server asks its source anew.
+        let read = Read::new_manual(0, self.session.patience(), self.session.token(), handle)
+            .timestamps_to_return(stamps)
+            .max_age(0.0)
+            .nodes_to_read(nodes);
+        let answer = self.link.ask(read.send(&channel)).await.map_err(|error| self.failed(&error))?;
+        Ok(answer.results.unwrap_or_default())
+    }
+
+    /// The library asks for new keys before a request where they are due. So that nothing stands between the last look at the clock
+    /// and the request of somebody, it is given one of nobody's.
+    async fn renew_keys(&mut self) -> Result<(), Fault> {
+        let state = value_of(VariableId::Server_ServerStatus_State.into());
+        self.call(vec![state], TimestampsToReturn::Neither).await.map(|_| ())
+    }
+
+    fn failed(&self, error: &Error) -> Fault {
+        if is_of_the_session(error) {
+            self.session.is_over();
+        }
+        call_fault(error)
+    }
+}
+
+impl Wire for OpcUa {
+    fn exchange<'a>(
+        &'a mut self,
+        _: u8,
+        request: Request<'a>,
+        departure: &'a mut Departure,
+    ) -> Boxed<'a, Result<Answer, Fault>> {
+        Box::pin(self.exchange(request, departure))
+    }
+}
