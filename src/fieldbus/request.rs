@@ -66,14 +66,14 @@ pub enum NodeRequest<'a> {
 pub struct NodeReading {
     /// Its value as registers, the most significant first; or why there is none.
     pub value: Result<Encoded, Reason>,
-    /// What it is stamped with, beside the server's own time.
+    /// When it was taken, as far as it is stamped.
     pub stamped: Stamped,
 }
 
-/// When a value was taken at its source, by the clock of the server that sends it.
+/// When a value was taken at its source, by the clock of the server that sends it: its stamp beside the time of the answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stamped {
-    /// Nobody knows: one of the two times is missing.
+    /// It is not stamped.
     Unknown,
     /// So long ago.
     Ago(Duration),

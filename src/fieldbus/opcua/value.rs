@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use ::opcua::types::{ByteString, DataValue, Guid, NodeId, Variant};
+use ::opcua::types::{ByteString, DataValue, DateTime, Guid, NodeId, Variant};
 use isotherm_core::codec::{DataType, Identifier, Node, Scalar};
 use isotherm_core::reading::Reason;
 
@@ -24,11 +24,12 @@ pub(super) fn node_id(id: &isotherm_core::codec::NodeId) -> Option<NodeId> {
     })
 }
 
-/// What a server has sent of a node.
-pub(super) fn reading(node: &Node, value: &DataValue) -> NodeReading {
+/// What a server has sent of a node in an answer of this moment, both by its own clock. The time that it may stamp a value with
+/// itself is not looked at: some stamp with it when the value came to them.
+pub(super) fn reading(node: &Node, value: &DataValue, answered: DateTime) -> NodeReading {
     let status = value.status.unwrap_or_default();
-    let stamped = match (value.source_timestamp, value.server_timestamp) {
-        (Some(source), Some(server)) => since(source.ticks(), server.ticks()),
+    let stamped = match value.source_timestamp {
+        Some(source) if !source.is_null() && !answered.is_null() => since(source.ticks(), answered.ticks()),
         _ => Stamped::Unknown,
     };
     let scalar = match (&value.value, status.bits() >> 30) {

@@ -2,7 +2,7 @@
 
 use ::opcua::client::UARequest;
 use ::opcua::client::services::{Read, Write};
-use ::opcua::types::{AttributeId, DataValue, Error, TimestampsToReturn, VariableId, WriteValue};
+use ::opcua::types::{AttributeId, DataValue, DateTime, Error, TimestampsToReturn, VariableId, WriteValue};
 use isotherm_core::codec::Node;
 use isotherm_core::reading::Status;
 
@@ -50,13 +50,14 @@ impl OpcUa {
             let rest = ids.split_off(ids.len().min(self.limits.read));
             let asked = std::mem::replace(&mut ids, rest);
             let count = asked.len();
-            let values = self.call(asked, TimestampsToReturn::Both).await?;
+            let (values, answered) = self.call(asked, TimestampsToReturn::Source).await?;
             if values.len() != count {
                 return Err(Fault::Peer(PeerFault::Length));
             }
-            found.extend(values);
+            found.extend(values.into_iter().map(|value| (value, answered)));
         }
-        Ok(Answer::Nodes(nodes.iter().zip(&found).map(|(node, value)| reading(node, value)).collect()))
+        let found = nodes.iter().zip(&found);
+        Ok(Answer::Nodes(found.map(|(node, (value, answered))| reading(node, value, *answered)).collect()))
     }
 
     /// One value in the node's own type, without a time or a quality: many servers take no others.
@@ -90,7 +91,7 @@ impl OpcUa {
         &mut self,
         nodes: Vec<::opcua::types::ReadValueId>,
         stamps: TimestampsToReturn,
-    ) -> Result<Vec<DataValue>, Fault> {
+    ) -> Result<(Vec<DataValue>, DateTime), Fault> {
         let channel = self.link.channel.clone();
         let handle = channel.request_handle();
         // With a largest age of zero the server asks its source anew.
@@ -99,7 +100,7 @@ impl OpcUa {
             .max_age(0.0)
             .nodes_to_read(nodes);
         let answer = self.link.ask(read.send(&channel)).await.map_err(|error| self.failed(&error))?;
-        Ok(answer.results.unwrap_or_default())
+        Ok((answer.results.unwrap_or_default(), answer.response_header.timestamp))
     }
 
     /// The library asks for new keys before a request where they are due. So that nothing stands between the last look at the clock

@@ -1,0 +1,19 @@
+//! The line to an OPC UA server, and a whole gateway on it, beside a server that is not ours: asyncua, in Python, over real sockets.
+//!
+//! `tests/run opcua` installs it, and builds the feature. Without asyncua these tests fail and say so.
+
+#![cfg(feature = "opcua")]
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "device/gateway.rs"]
+mod gateway;
+#[path = "opcua/held.rs"]
+mod held;
+#[path = "opcua/rig.rs"]
+mod rig;
+#[path = "opcua/secured.rs"]
+mod secured;
+#[path = "opcua/sessions.rs"]
+mod sessions;
+#[path = "opcua/values.rs"]
+mod values;

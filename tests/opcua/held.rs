@@ -1,0 +1,70 @@
+//! A whole gateway that holds an offset in a node.
+
+use std::sync::Mutex;
+use std::time::Duration;
+
+use super::gateway::{beside, events, wait_until};
+use super::rig::{Server, machine};
+use isotherm::gateway::Options;
+use isotherm::observe::status::Status;
+
+fn bed(status: &Status) -> &str {
+    let found = status.signals.iter().find(|signal| signal.name == "bed");
+    found.map_or("", |signal| signal.quality.as_str())
+}
+
+#[test]
+fn a_gateway_holds_an_offset_in_a_node_and_goes_on_when_the_server_is_back() {
+    let mut server = Server::start(&[]);
+    server.does("value bed 23");
+    let text = machine(server.port, "");
+    beside(&text, Options::default(), move |source| {
+        let stands = |server: &mut Server, wanted: &str| server.does("read offset") == wanted;
+        wait(&mut server, |server| stands(server, "30"));
+        let mut server = server.dies(&[]);
+        server.does("value bed 21");
+        wait_until(source, "the server is read again", |status| bed(status) == "good");
+        wait(&mut server, |server| stands(server, "10"));
+    });
+}
+
+#[test]
+fn a_server_that_answers_good_and_keeps_the_old_value_is_caught() {
+    let mut server = Server::start(&[]);
+    server.does("value bed 23");
+    server.does("keep offset");
+    let text = machine(server.port, "");
+    let server = Mutex::new(server);
+    let status = beside(&text, Options::default(), move |source| {
+        wait_until(source, "nothing stands there that was written", |status| {
+            events(status).iter().any(|event| event.contains("offset") && event.contains("reads"))
+        });
+        assert_eq!(server.lock().unwrap().does("read offset"), "0");
+    });
+    assert!(!events(&status).is_empty());
+}
+
+#[test]
+fn a_source_whose_clock_is_an_hour_off_is_not_believed_and_is_when_it_is_right_again() {
+    let mut server = Server::start(&[]);
+    let text = machine(server.port, "");
+    beside(&text, Options::default(), move |source| {
+        wait_until(source, "it is read", |status| bed(status) == "good");
+        for (seconds, quality) in [("-3600", "stale"), ("3600", "source-clock")] {
+            server.does(&format!("stamp bed {seconds}"));
+            wait_until(source, quality, |status| bed(status) == quality);
+            server.does("stamp bed 0");
+            wait_until(source, "its clock is right", |status| bed(status) == "good");
+        }
+    });
+}
+
+fn wait(server: &mut Server, found: impl Fn(&mut Server) -> bool) {
+    for _ in 0..1200 {
+        if found(server) {
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    panic!("after a minute the node holds {}", server.does("read offset"));
+}

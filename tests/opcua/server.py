@@ -1,0 +1,168 @@
+"""A server of OPC UA that is not ours (asyncua), and does what its standard input says, a line each:
+
+value NAME NUMBER    the node holds this
+status NAME STATUS   the node is given with this status
+stamp NAME SECONDS   the node is stamped so much later than now; earlier where negative
+refuse NAME STATUS   a write of the node is answered with this status
+keep NAME            a write of the node is answered with Good, and not done
+hold NAME SECONDS    a write of the node is done, and answered so much later
+sessions NUMBER      so many sessions may be made from now on
+drop                 the session table is emptied
+read NAME            prints what the node holds
+
+Each is acknowledged with a line. Every tenth of a second each value is stamped anew, as a control does that measures."""
+
+import argparse
+import asyncio
+import sys
+from datetime import datetime, timedelta, timezone
+
+from asyncua import Server, ua
+from asyncua.server.user_managers import UserManager
+from asyncua.crypto.permission_rules import User, UserRole
+
+parser = argparse.ArgumentParser()
+parser.add_argument("--port", type=int, default=0)
+parser.add_argument("--cert")
+parser.add_argument("--key")
+parser.add_argument("--user")
+parser.add_argument("--most", type=int, default=0)
+arguments = parser.parse_args()
+
+NODES = {
+    "bed": (20.0, ua.VariantType.Float),
+    "scale": (100_000, ua.VariantType.Int32),
+    "offset": (0, ua.VariantType.Int32),
+    "k0": (0.0, ua.VariantType.Double),
+    "text": ("text", ua.VariantType.String),
+}
+
+
+class OneUser(UserManager):
+    def get_user(self, iserver, username=None, password=None, certificate=None):
+        if arguments.user is None or f"{username}:{password}" == arguments.user:
+            return User(role=UserRole.User)
+        return None
+
+
+async def main():
+    server = Server(user_manager=OneUser())
+    await server.init()
+    server.set_endpoint(f"opc.tcp://127.0.0.1:{arguments.port}")
+    policies = [ua.SecurityPolicyType.NoSecurity]
+    if arguments.cert:
+        policies += [
+            ua.SecurityPolicyType.Basic256Sha256_Sign,
+            ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+            ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
+        ]
+        await server.load_certificate(arguments.cert)
+        await server.load_private_key(arguments.key)
+    server.set_security_policy(policies)
+    tokens = [ua.UserNameIdentityToken] if arguments.user else [ua.AnonymousIdentityToken]
+    server.set_identity_tokens(tokens)
+    space = await server.register_namespace("urn:test")
+    nodes, held, status, late = {}, {}, {}, {}
+    for name, (value, kind) in NODES.items():
+        node = await server.nodes.objects.add_variable(ua.NodeId(name, space), name, value, kind)
+        if name != "bed":
+            await node.set_writable()
+        nodes[name], held[name] = node, ua.Variant(value, kind)
+    if arguments.most:
+        limit = server.get_node(ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxNodesPerRead)
+        await limit.write_value(ua.Variant(arguments.most, ua.VariantType.UInt32))
+    refused, kept, held_back = {}, set(), {}
+    names = {node.nodeid: name for name, node in nodes.items()}
+
+    service = server.iserver.attribute_service
+    write, read = service.write, service.read
+
+    async def written(params, user=User(role=UserRole.Admin)):
+        results = []
+        for one in params.NodesToWrite:
+            name = names.get(one.NodeId)
+            alone = ua.WriteParameters(NodesToWrite=[one])
+            if name and (one.Value.SourceTimestamp or one.Value.ServerTimestamp):
+                results.append(ua.StatusCode(ua.StatusCodes.BadWriteNotSupported))
+            elif name in refused:
+                results.append(ua.StatusCode(refused[name]))
+            elif name in kept:
+                results.append(ua.StatusCode(ua.StatusCodes.Good))
+            else:
+                done = (await write(alone, user))[0]
+                if done.is_good() and name:
+                    held[name] = one.Value.Value
+                results.append(done)
+            if name in held_back:
+                await asyncio.sleep(held_back.pop(name))
+        return results
+
+    def asked(params):
+        if arguments.most and len(params.NodesToRead) > arguments.most:
+            raise ua.uaerrors.BadTooManyOperations()
+        return read(params)
+
+    service.write, service.read = written, asked
+    left = [None]
+    create = server.iserver.create_session
+
+    def created(name, *rest, **more):
+        if more.get("external") and left[0] is not None:
+            if left[0] <= 0:
+                raise ua.uaerrors.BadTooManySessions()
+            left[0] -= 1
+        return create(name, *rest, **more)
+
+    server.iserver.create_session = created
+
+    async def stamp():
+        now = datetime.now(timezone.utc)
+        for name, node in nodes.items():
+            value = ua.DataValue(
+                held[name],
+                ua.StatusCode(status.get(name, ua.StatusCodes.Good)),
+                now + timedelta(seconds=late.get(name, 0)),
+            )
+            await server.write_attribute_value(node.nodeid, value)
+
+    async def stamps():
+        while True:
+            await stamp()
+            await asyncio.sleep(0.1)
+
+    async with server:
+        port = server.bserver._server.sockets[0].getsockname()[1]
+        print(port, flush=True)
+        stamping = asyncio.create_task(stamps())
+        lines = asyncio.StreamReader()
+        loop = asyncio.get_running_loop()
+        await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(lines), sys.stdin)
+        while line := (await lines.readline()).decode().split():
+            answer = "done"
+            match line:
+                case ["value", name, number]:
+                    kind = NODES[name][1]
+                    whole = kind is ua.VariantType.Int32
+                    held[name] = ua.Variant(int(number) if whole else float(number), kind)
+                case ["status", name, code]:
+                    status[name] = getattr(ua.StatusCodes, code)
+                case ["stamp", name, seconds]:
+                    late[name] = float(seconds)
+                case ["refuse", name, code]:
+                    refused[name] = getattr(ua.StatusCodes, code)
+                case ["keep", name]:
+                    kept.add(name)
+                case ["hold", name, seconds]:
+                    held_back[name] = float(seconds)
+                case ["sessions", number]:
+                    left[0] = int(number)
+                case ["read", name]:
+                    answer = str(held[name].Value)
+                case _:
+                    answer = f"unknown: {line}"
+            await stamp()
+            print(answer, flush=True)
+        stamping.cancel()
+
+
+asyncio.run(main())

@@ -1,0 +1,57 @@
+//! Sessions that are lost, taken up again, and not given.
+
+use super::rig::{Line, SHORTLY, Server, no_session};
+use isotherm::fieldbus::error::{Fault, Outcome};
+use isotherm::fieldbus::opcua_fault::OpcUaFault;
+use isotherm::fieldbus::wire::Answer;
+
+#[tokio::test]
+async fn a_server_that_was_killed_and_is_back_is_read_and_written_again() {
+    let server = Server::start(&[]);
+    let mut line = Line::to(&server);
+    assert!(line.signals().await.is_ok());
+    let mut server = server.dies(&[]);
+    server.does("value bed 31");
+    assert_eq!(line.signals().await, Ok([Ok(31.0), Ok(100.0)]));
+    assert_eq!(line.writes(4).await, Ok(Answer::Done));
+    assert_eq!(server.does("read offset"), "4");
+}
+
+#[tokio::test]
+async fn a_write_whose_answer_comes_too_late_is_unknown_and_what_follows_gets_answers_of_its_own() {
+    let mut server = Server::start(&[]);
+    let mut line = Line::to(&server);
+    assert!(line.signals().await.is_ok());
+    server.does("hold offset 1.3");
+    let fault = line.writes(9).await.unwrap_err();
+    assert_eq!((fault, fault.outcome()), (Fault::Timeout, Outcome::Unknown));
+    tokio::time::sleep(2 * SHORTLY).await;
+    assert_eq!(line.stands().await, Ok(9));
+}
+
+#[tokio::test]
+async fn a_full_session_table_is_told_with_what_to_do_and_is_over_when_a_place_is_free() {
+    let mut server = Server::start(&[]);
+    server.does("sessions 0");
+    let mut line = Line::to(&server);
+    let fault = line.signals().await.unwrap_err();
+    assert_eq!(fault, no_session(OpcUaFault::NoSession));
+    assert!(fault.to_string().contains("close another client"), "{fault}");
+    server.does("sessions 1");
+    assert_eq!(line.signals().await, Ok([Ok(20.0), Ok(100.0)]));
+}
+
+#[tokio::test]
+async fn whoever_does_not_speak_opc_ua_is_told_so() {
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let port = listener.local_addr().unwrap().port();
+    tokio::spawn(async move {
+        use tokio::io::AsyncWriteExt;
+        while let Ok((mut stream, _)) = listener.accept().await {
+            let _ = stream.write_all(b"HTTP/1.1 400 Bad Request\r\n\r\n").await;
+        }
+    });
+    let directory = tempfile::tempdir().unwrap();
+    let mut line = Line::new(super::rig::profile(&super::rig::machine(port, ""), directory.path()));
+    assert_eq!(line.signals().await, Err(no_session(OpcUaFault::NoServer)));
+}

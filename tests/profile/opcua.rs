@@ -1,0 +1,186 @@
+//! OPC UA: nodes where others have registers, and what belongs to another kind of line.
+
+use super::*;
+use isotherm_core::codec::{Address, DataType};
+use isotherm_profile::plan::ReadTarget;
+use isotherm_profile::{DeviceId, Security, SourceTime, Transport};
+
+const SERVER: &str = r#"[machine]
+name = "server"
+
+[bus.control]
+type = "opcua"
+address = "opc.tcp://192.168.214.241"
+security = "none"
+
+[device.cnc]
+bus = "control"
+every = "1s"
+
+[signal.bed]
+device = "cnc"
+node = "ns=2;s=/Plc/DB100.DBD4"
+unit = "degC"
+max_age = "10s"
+
+[signal.scale_z]
+device = "cnc"
+node = "ns=3;i=1005"
+type = "i32"
+scale = 0.0005
+unit = "mm"
+
+[axis.z]
+limit = 40.0
+step = 1.0
+rate = 0.5
+every = "10s"
+on_fault = { action = "hold" }
+
+[[axis.z.model]]
+name = "bed"
+kind = "linear"
+terms = [{ signal = "bed", gain = 2.4, reference = 20.0 }]
+
+[output.k0]
+axis = "z"
+device = "cnc"
+writes = "offset"
+node = "ns=2;s=/Sinumerik/SEA/offset"
+type = "f64"
+"#;
+
+/// The server with one piece of text replaced is refused with these words, at this key.
+#[track_caller]
+fn no_server(from: &str, to: &str, key: &str, at: &str, words: &[&str]) {
+    assert!(SERVER.contains(from), "{from}");
+    let error = only_error(&SERVER.replacen(from, to, 1), key, at);
+    for word in words {
+        assert!(error.to_string().contains(word), "`{word}` is not in: {error}");
+    }
+}
+
+#[test]
+fn a_server_is_a_bus_whose_nodes_are_read_in_one_request() {
+    let loaded = parse(SERVER).unwrap_or_else(|errors| panic!("{errors}"));
+    let profile = &loaded.profile;
+    let bus = &profile.buses[0];
+    assert_eq!((bus.transport, bus.address.as_str()), (Transport::OpcUa, "opc.tcp://192.168.214.241:4840"));
+    assert_eq!(bus.opcua.as_ref().unwrap().security, Security::None);
+    assert_eq!(profile.devices[0].source_time, Some(SourceTime::Sampled));
+    let requests = profile.requests(DeviceId(0));
+    let ReadTarget::Nodes(nodes) = &requests[0].asks else { panic!("{requests:?}") };
+    let types: Vec<_> = nodes.iter().map(|node| (node.to_string(), node.data_type)).collect();
+    let expected = [("ns=2;s=/Plc/DB100.DBD4", None), ("ns=3;i=1005", Some(DataType::I32))];
+    assert_eq!(types, expected.map(|(id, data_type)| (id.to_owned(), data_type)));
+    assert_eq!((requests.len(), requests[0].fields[1].at), (1, 1));
+    let Address::Node(node) = &profile.outputs[0].address else { panic!("no node") };
+    assert_eq!(
+        (node.to_string().as_str(), node.data_type),
+        ("ns=2;s=/Sinumerik/SEA/offset", Some(DataType::F64))
+    );
+}
+
+#[test]
+fn check_says_what_is_asked_and_written_and_how_the_messages_are_protected() {
+    let profile = parse(SERVER).unwrap().profile;
+    let text = isotherm_profile::preview::Preview::of(&profile).to_string();
+    for said in [
+        "bus control: OPC UA at opc.tcp://192.168.214.241:4840",
+        "messages are neither signed nor encrypted; speaks as nobody (anonymous)",
+        "cnc: every 1s: 2 nodes read together",
+        "a reading is as old as the time that the server stamps it with",
+        "bed: node ns=2;s=/Plc/DB100.DBD4 of cnc",
+        "k0: node ns=2;s=/Sinumerik/SEA/offset of cnc, f64",
+        "believed once the node reads back what was written",
+    ] {
+        assert!(text.contains(said), "`{said}` is not in:\n{text}");
+    }
+    assert!(!text.contains("unit 0"), "{text}");
+}
+
+#[test]
+fn what_is_wrong_with_a_server_is_told_at_its_key() {
+    no_server(
+        "security = \"none\"\n",
+        "",
+        "bus.control",
+        "[bus.control]",
+        &["`security` is missing", "sign-and-encrypt"],
+    );
+    no_server("opc.tcp://", "http://", "bus.control.address", "\"http", &["opc.tcp://192.168.214.241"]);
+    no_server("opc.tcp://", "opc.tcp://user@", "bus.control.address", "\"opc", &["names no user"]);
+    no_server(
+        "\"none\"\n",
+        "\"none\"\ncert = \"own.der\"\n",
+        "bus.control.cert",
+        "cert",
+        &["a secured line"],
+    );
+    no_server("\"none\"\n", "\"none\"\nbaud = 9600\n", "bus.control.baud", "baud", &["a modbus-rtu line"]);
+    no_server(
+        "every = \"1s\"\n",
+        "every = \"1s\"\nunit = 1\n",
+        "device.cnc.unit",
+        "unit",
+        &["a Modbus device"],
+    );
+}
+
+#[test]
+fn what_is_wrong_with_a_node_is_told_at_its_key() {
+    no_server(
+        "\"ns=3;i=1005\"",
+        "\"holding:84\"",
+        "signal.scale_z.node",
+        "\"holding",
+        &["is no node", "ns=2;s="],
+    );
+    no_server("node = \"ns=3;i=1005\"\n", "", "signal.scale_z.node", "[signal", &["`node` is missing"]);
+    no_server(
+        "unit = \"mm\"\n",
+        "unit = \"mm\"\nword_order = \"msw-first\"\n",
+        "signal.scale_z.word_order",
+        "word_order",
+        &["a Modbus device"],
+    );
+    no_server(
+        "type = \"f64\"\n",
+        "",
+        "output.k0.type",
+        "[output",
+        &["`type` is missing", "in the node's own type"],
+    );
+    no_server(
+        "type = \"f64\"\n",
+        "type = \"f64\"\nshare = \"ledger\"\n",
+        "output.k0.share",
+        "share",
+        &["a Modbus device"],
+    );
+    no_server(
+        "type = \"f64\"\n",
+        "type = \"bool\"\nscale = 1.0\n",
+        "output.k0.type",
+        "\"bool\"",
+        &["one bit"],
+    );
+}
+
+#[test]
+fn two_outputs_never_write_one_node() {
+    let second = SERVER.split_once("[output.k0]").unwrap().1;
+    let text = format!("{SERVER}\n[output.again]{second}");
+    let error = only_error(&text, "output.again.node", "\"ns=2");
+    assert!(error.to_string().contains("`k0` writes this node already"), "{error}");
+}
+
+#[test]
+fn a_node_belongs_to_a_server() {
+    let error = only_error(
+        &GRINDER.replacen("[device.thermocouples]", "[device.thermocouples]\nsource_time = \"changed\"", 1),
+        "device.thermocouples.source_time",
+        "source_time",
+    );
+    assert!(error.to_string().contains("a device on an OPC UA line"), "{error}");
+}
