@@ -8,6 +8,7 @@ use isotherm_profile::{Errors, Loaded, Profile, parse};
 
 mod can;
 mod decoded;
+mod opcua;
 mod shipped;
 
 /// A machine around one device.

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use isotherm_profile::template;
 
 use super::can::on_can;
+use super::opcua::on_opcua;
 use super::taken;
 
 fn files() -> BTreeSet<String> {
@@ -50,8 +51,9 @@ fn every_shipped_template_is_taken_in_each_of_its_variants_and_names_its_source(
             devices.push(format!("template = \"{name}\""));
         }
         for device in devices {
-            // It hangs on one of these lines: as a Modbus unit, as a CANopen node, or sending frames by itself.
-            let lines = [taken(&device, ""), on_can(&format!("node = 5\n{device}"), ""), on_can(&device, "")];
+            // It hangs on one of these lines: as a Modbus unit, as a CANopen node, sending frames by itself, as a server.
+            let node = format!("node = 5\n{device}");
+            let lines = [taken(&device, ""), on_can(&node, ""), on_can(&device, ""), on_opcua(&device, "")];
             let refused: Vec<String> =
                 lines.iter().filter_map(|line| Some(line.as_ref().err()?.to_string())).collect();
             let loaded = lines.into_iter().find_map(Result::ok);

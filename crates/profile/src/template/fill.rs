@@ -198,8 +198,8 @@ impl<'a> Filling<'a> {
     /// What a channel would have brought is not reported as missing: that it cannot has been reported.
     fn nothing_missing(&mut self, table: &str, name: &str, at: &str) {
         let path = child(table, name);
-        for key in
-            ["register", "type", "writes", "scale", "word_order", "read_back"].map(|key| child(&path, key))
+        for key in ["register", "node", "type", "writes", "scale", "word_order", "read_back"]
+            .map(|key| child(&path, key))
         {
             if !self.spans.contains(&key) {
                 self.spans.fill_in(&key, at, "");
