@@ -1,5 +1,5 @@
 //! One physical line: at most one request under way, a timeout and a last moment for each, a breaker for each device,
-//! reconnection. [`DeviceLine::request`] is the one way to ask a device anything, Modbus or CAN.
+//! reconnection. [`DeviceLine::request`] is the one way to ask a device anything, over Modbus, CAN or OPC UA.
 //!
 //! ```text
 //! request ─► ready: connected, quiet, paused ─► exchange: a look at the clock, the bytes, the answer ─► compared

@@ -19,7 +19,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use ::opcua::client::{AsyncSecureChannel, IdentityToken};
+use ::opcua::crypto::{PrivateKey, X509};
 use ::opcua::types::EndpointDescription;
+use tokio::net::TcpStream;
 
 use super::connection::{Connection, Dial};
 use super::error::{Fault, LinkFault};
@@ -80,38 +82,56 @@ impl OpcUaDial {
     }
 
     async fn open(&mut self) -> Result<Connection, Fault> {
-        let opened = self.session().await;
-        if opened.is_err() {
-            // Its endpoint may be another by now, and its certificate.
-            self.known = self.known.take().filter(|known| known.session.is_alive());
-        }
-        opened
-    }
-
-    async fn session(&mut self) -> Result<Connection, Fault> {
         let Some(files) = &self.files else { return Err(fault(OpcUaFault::OurFiles)) };
         files.own_is_valid().map_err(fault)?;
-        if self.known.is_none() {
-            let endpoints = self.endpoints().await?;
-            let endpoint = endpoint::choose(endpoints, self.security, &files.user)
-                .ok_or(fault(OpcUaFault::NoEndpoint))?;
-            if self.security != Security::None {
-                files.trusts(endpoint.server_certificate.as_ref()).map_err(fault)?;
+        let mut taken_up = None;
+        if self.known.as_ref().is_some_and(|known| known.session.is_alive()) {
+            let socket = connected(&self.address, self.timeout).await?;
+            // Whatever fails from here on, its endpoint may be another by now, and its certificate: they are asked for anew.
+            if let Some(known) = self.known.take() {
+                taken_up = self.take_up(files, known, socket).await;
             }
-            let channel = Arc::new(channel::secured(&endpoint));
-            let session = Session::none(files.application.clone(), self.timeout);
-            self.known = Some(Known { channel, endpoint, session });
         }
-        let Some(Known { channel, endpoint, session }) = &mut self.known else {
-            return Err(fault(OpcUaFault::NoServer));
+        let (mut link, known) = match taken_up {
+            Some(taken_up) => taken_up,
+            None => self.begin(files).await?,
         };
-        let socket = connected(&self.address, self.timeout).await?;
-        let own = files.own.as_ref().filter(|_| self.security != Security::None);
+        let limits = known.session.limits(&mut link).await?;
+        let wire = OpcUa::new(link, known.session.clone(), limits);
+        self.known = Some(known);
+        Ok(Connection::Other(Box::new(wire)))
+    }
+
+    /// The session from before, on this socket; `None` where the server does not have it any more.
+    async fn take_up(&self, files: &Files, known: Known, socket: TcpStream) -> Option<(Link, Known)> {
+        let own = self.shown(files);
         let socket = Socket::new(&self.url, socket, own);
+        let mut link = Link::open(known.channel.clone(), &socket).await.ok()?;
+        known.session.take_up(&mut link, &known.endpoint, own, &files.user).await.ok()?;
+        Some((link, known))
+    }
+
+    /// A new session.
+    async fn begin(&self, files: &Files) -> Result<(Link, Known), Fault> {
+        let endpoints = self.endpoints().await?;
+        let endpoint =
+            endpoint::choose(endpoints, self.security, &files.user).ok_or(fault(OpcUaFault::NoEndpoint))?;
+        if self.security != Security::None {
+            files.trusts(endpoint.server_certificate.as_ref()).map_err(fault)?;
+        }
+        let own = self.shown(files);
+        let socket = connected(&self.address, self.timeout).await?;
+        let socket = Socket::new(&self.url, socket, own);
+        let channel = Arc::new(channel::secured(&endpoint));
         let mut link = Link::open(channel.clone(), &socket).await.map_err(|error| dial_fault(&error))?;
-        session.begin(&mut link, endpoint, own, &files.user).await?;
-        let limits = session.limits(&mut link).await?;
-        Ok(Connection::Other(Box::new(OpcUa::new(link, session.clone(), limits))))
+        let session = Session::none(files.application.clone(), self.timeout);
+        session.begin(&mut link, &endpoint, own, &files.user).await?;
+        Ok((link, Known { channel, endpoint, session }))
+    }
+
+    /// The certificate that the gateway shows, and its key.
+    fn shown<'f>(&self, files: &'f Files) -> Option<&'f (X509, PrivateKey)> {
+        files.own.as_ref().filter(|_| self.security != Security::None)
     }
 
     /// What the server offers, asked on a connection of its own that nothing protects.

@@ -10,7 +10,7 @@ use isotherm::observe::status::Status;
 
 fn bed(status: &Status) -> &str {
     let found = status.signals.iter().find(|signal| signal.name == "bed");
-    found.map_or("", |signal| signal.quality.as_str())
+    found.map_or("", |signal| signal.quality)
 }
 
 #[test]

@@ -88,7 +88,7 @@ fn check_says_what_is_asked_and_written_and_how_the_messages_are_protected() {
     for said in [
         "bus control: OPC UA at opc.tcp://192.168.214.241:4840",
         "messages are neither signed nor encrypted; speaks as nobody (anonymous)",
-        "cnc: every 1s: 2 nodes read together",
+        "cnc: every 1s: 1 request touching 2 nodes for 2 signals",
         "a reading is as old as the time that the server stamps it with",
         "bed: node ns=2;s=/Plc/DB100.DBD4 of cnc",
         "k0: node ns=2;s=/Sinumerik/SEA/offset of cnc, f64",

@@ -191,15 +191,10 @@ impl Profile {
         plan::plan(self.device(device), self.signals_of(device))
     }
 
-    /// Those of them that read registers: without the objects of a CANopen node.
+    /// Those of them that read registers or nodes of a server: without the objects of a CANopen node.
     pub fn register_requests(&self, device: DeviceId) -> Vec<plan::ReadRequest> {
-        self.requests(device).into_iter().filter(|request| request.span().is_some()).collect()
-    }
-
-    /// Those of them that read nodes of an OPC UA server.
-    pub fn node_requests(&self, device: DeviceId) -> Vec<plan::ReadRequest> {
-        let reads_nodes = |request: &plan::ReadRequest| matches!(request.asks, plan::ReadTarget::Nodes(_));
-        self.requests(device).into_iter().filter(reads_nodes).collect()
+        let is_object = |request: &plan::ReadRequest| matches!(request.asks, plan::ReadTarget::Object(_));
+        self.requests(device).into_iter().filter(|request| !is_object(request)).collect()
     }
 
     /// The CANopen objects of a device that are in use, each once: as checks, signals and outputs name them, in this order.

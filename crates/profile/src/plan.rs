@@ -126,7 +126,10 @@ impl ReadRequest {
         let function = self.span().map_or(0, |(from, _)| from.table.read_function());
         let signals = self.signals(profile);
         let mut section = Section::default();
-        section.line(format!("    {self}, function {function:02}: {}", signals.join(", ")));
+        section.line(match function {
+            0 => format!("    {self}: {}", signals.join(", ")),
+            _ => format!("    {self}, function {function:02}: {}", signals.join(", ")),
+        });
         section.entry("read", self.to_string());
         section.entry("function", function);
         section.entry("signals", signals);
@@ -189,7 +192,11 @@ pub fn summary(requests: &[ReadRequest]) -> String {
         spans.filter(|(from, _)| from.table.is_bits() == bits).map(|(_, count)| usize::from(count)).sum()
     };
     let (registers, bits): (usize, usize) = (touched(false), touched(true));
-    let cells: Vec<String> = [(registers, "register"), (bits, "bit")]
+    let nodes = requests.iter().map(|request| match &request.asks {
+        ReadTarget::Nodes(nodes) => nodes.len(),
+        ReadTarget::Registers { .. } | ReadTarget::Object(_) => 0,
+    });
+    let cells: Vec<String> = [(registers, "register"), (bits, "bit"), (nodes.sum(), "node")]
         .into_iter()
         .filter(|(count, _)| *count > 0)
         .map(|(count, what)| counted(count, what))

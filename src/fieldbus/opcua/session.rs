@@ -114,7 +114,19 @@ impl Session {
         *self.held.lock().unwrap_or_else(PoisonError::into_inner) = held;
     }
 
-    /// Takes it up on a new channel; where the server does not have it any more, a new one is made.
+    /// Takes it up on a new channel.
+    pub(super) async fn take_up(
+        &self,
+        link: &mut Link,
+        endpoint: &EndpointDescription,
+        own: Option<&(X509, PrivateKey)>,
+        user: &IdentityToken,
+    ) -> Result<(), Error> {
+        let held = self.held().ok_or_else(|| Error::new(StatusCode::BadSessionClosed, "there is none"))?;
+        self.activate(link, endpoint, own, user, held).await
+    }
+
+    /// Makes it.
     pub(super) async fn begin(
         &self,
         link: &mut Link,
@@ -122,12 +134,6 @@ impl Session {
         own: Option<&(X509, PrivateKey)>,
         user: &IdentityToken,
     ) -> Result<(), Fault> {
-        if let Some(held) = self.held() {
-            if self.activate(link, endpoint, own, user, held).await.is_ok() {
-                return Ok(());
-            }
-            self.is_over();
-        }
         let held = self.create(link, endpoint, own).await?;
         self.activate(link, endpoint, own, user, held).await.map_err(|error| dial_fault(&error))
     }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::plan::ReadRequest;
+use crate::plan::{ReadRequest, ReadTarget};
 use crate::{
     BusId, Capture, Device, DeviceId, Output, OutputSet, Profile, Share, Stretch, WriteFunction, Writes,
 };
@@ -206,10 +206,10 @@ fn transfers(address: &Address, registers: u16) -> usize {
     if matches!(address, Address::Object(_)) { segments(registers) } else { 1 }
 }
 
-/// The same for what one read asks for: what has no span of registers is an object.
+/// The same for what one read asks for.
 fn transfers_of(request: &ReadRequest) -> usize {
     let registers = request.fields.iter().map(|field| field.len).sum();
-    if request.span().is_none() { segments(registers) } else { 1 }
+    if matches!(request.asks, ReadTarget::Object(_)) { segments(registers) } else { 1 }
 }
 
 fn segments(registers: u16) -> usize {

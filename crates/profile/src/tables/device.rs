@@ -157,17 +157,12 @@ impl Device {
     /// What is read from it, what is read before arming, and what it has from its template.
     pub(crate) fn preview(&self, profile: &Profile, id: DeviceId) -> Section {
         let requests = profile.register_requests(id);
-        let nodes = profile.node_requests(id);
         let (name, unit, every, summary) = (&self.name, self.unit, shown(self.every), summary(&requests));
         let can = self.can.as_ref().map(|can| can.preview(profile, id));
         let shown = labelled(name, &self.label);
         let mut section = Section::default();
         section.line(match self.can.as_ref().map(|can| can.node) {
-            None if self.source_time.is_some() => {
-                let count = nodes.iter().map(|request| request.fields.len()).sum::<usize>();
-                let plural = if count == 1 { "" } else { "s" };
-                format!("  {shown}: every {every}: {count} node{plural} read together")
-            }
+            None if self.source_time.is_some() => format!("  {shown}: every {every}: {summary}"),
             None => format!("  {shown}: unit {unit}, every {every}: {summary}"),
             Some(Some(node)) => format!("  {shown}: CANopen node {node}"),
             Some(None) => format!("  {shown}: sends frames by itself"),
