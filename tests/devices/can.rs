@@ -47,7 +47,7 @@ fn read(profile: &Profile, name: &str, id: u32, bytes: &[u8]) -> Result<f64, Rea
             assert_eq!(u32::from(object.entry.index), id, "{object}");
             object.registers(bytes).ok_or(Reason::BadReply)?
         }
-        Address::Modbus(register) => panic!("{register}"),
+        other @ (Address::Modbus(_) | Address::Node(_)) => panic!("{other}"),
     };
     signal.encoding.decode(words.registers())
 }

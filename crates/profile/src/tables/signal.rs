@@ -18,8 +18,10 @@ use counter::{Capture, RawCounter};
 use isotherm_core::codec::{Address, Counter, DataType, Encoding, Sentinel};
 use isotherm_core::compensation::model::Condition;
 use isotherm_core::reading::Reason;
+use unit::Unit;
 
 pub(crate) mod counter;
+pub(crate) mod unit;
 
 /// One value that is read.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -241,36 +243,6 @@ impl Signal {
         doubts.push(format!("older than {}", shown(self.max_age)));
         doubts.extend(self.fault_when.as_ref().map(|condition| format!("when {}", condition.text)));
         doubts
-    }
-}
-
-/// Engineering units.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Unit(pub &'static str);
-
-impl Unit {
-    /// The units a profile may name; "1" is a number without one.
-    pub const WORDS: [&'static str; 23] = [
-        "degC", "K", "mm", "um", "rpm", "bool", "percent", "mm/min", "m/s", "l/min", "bar", "V", "mV", "A",
-        "mA", "W", "kW", "N", "Nm", "Hz", "s", "count", "1",
-    ];
-
-    /// The unit with this name.
-    pub fn named(name: &str) -> Option<Unit> {
-        Unit::WORDS.into_iter().find(|known| *known == name).map(Unit)
-    }
-}
-
-impl std::fmt::Display for Unit {
-    /// As people write it.
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self.0 {
-            "degC" => "°C",
-            "um" => "µm",
-            "percent" => "%",
-            "1" => "",
-            name => name,
-        })
     }
 }
 
