@@ -6,7 +6,7 @@
 //! - [`trace`] — the wire log: every frame, while somebody listens.
 //! - [`canopen`] — what a CANopen master needs, frames in and frames out.
 //! - [`can`] — one CAN interface: frames, error frames, its state, what is asked and written there.
-//! - `opcua` — an OPC UA server, by feature; [`opcua_fault`] — why there is no session with one;
+//! - `opcua` — an OPC UA server, by feature; [`opcua_fault`] — why none can be spoken to;
 //!   [`opcua_check`] — what is wrong with such a line in a profile.
 //! - [`tcp`] — sockets that keep nothing back, and Modbus TCP on them; [`tls`] — the same inside TLS.
 //! - [`mod@error`] — what can be wrong, by who is to blame; [`mod@explain`] — what to do about it, in the words that people read.

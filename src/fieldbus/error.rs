@@ -95,7 +95,7 @@ pub enum LinkFault {
     /// The CAN interface.
     #[error("{0}")]
     Can(CanFault),
-    /// No session with an OPC UA server.
+    /// An OPC UA server lets nobody in, or is not let in.
     #[error("{0}")]
     OpcUa(OpcUaFault),
     /// It is down, and not yet time to try again.

@@ -104,8 +104,8 @@ fn what_is_wrong_with_a_server_is_told_at_its_key() {
     no_server(
         "security = \"none\"\n",
         "",
-        "bus.control",
-        "[bus.control]",
+        "bus.control.security",
+        "control]",
         &["`security` is missing", "sign-and-encrypt"],
     );
     no_server("opc.tcp://", "http://", "bus.control.address", "\"http", &["opc.tcp://192.168.214.241"]);
@@ -136,7 +136,7 @@ fn what_is_wrong_with_a_node_is_told_at_its_key() {
         "\"holding",
         &["is no node", "ns=2;s="],
     );
-    no_server("node = \"ns=3;i=1005\"\n", "", "signal.scale_z.node", "[signal", &["`node` is missing"]);
+    no_server("node = \"ns=3;i=1005\"\n", "", "signal.scale_z.node", "scale_z]", &["`node` is missing"]);
     no_server(
         "unit = \"mm\"\n",
         "unit = \"mm\"\nword_order = \"msw-first\"\n",
@@ -148,7 +148,7 @@ fn what_is_wrong_with_a_node_is_told_at_its_key() {
         "type = \"f64\"\n",
         "",
         "output.k0.type",
-        "[output",
+        "k0]",
         &["`type` is missing", "in the node's own type"],
     );
     no_server(
@@ -178,8 +178,8 @@ fn two_outputs_never_write_one_node() {
 #[test]
 fn a_node_belongs_to_a_server() {
     let error = only_error(
-        &GRINDER.replacen("[device.thermocouples]", "[device.thermocouples]\nsource_time = \"changed\"", 1),
-        "device.thermocouples.source_time",
+        &GRINDER.replacen("[device.module]", "[device.module]\nsource_time = \"changed\"", 1),
+        "device.module.source_time",
         "source_time",
     );
     assert!(error.to_string().contains("a device on an OPC UA line"), "{error}");

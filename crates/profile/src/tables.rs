@@ -20,8 +20,8 @@ use crate::span::{Spans, child, element};
 use crate::template::Templates;
 use axis::{Axis, RawAxis};
 use bus::periods::Periods;
-use bus::{Bus, RawBus};
-use device::{Device, LineKind, RawDevice};
+use bus::{Bus, LineKind, RawBus};
+use device::{Device, RawDevice};
 use heartbeat::RawHeartbeat;
 use history::RawHistory;
 use isotherm_core::compensation::settings::MachineSettings;
@@ -237,7 +237,7 @@ impl Check<'_> {
         }
         can::written_frames(self);
         can::conflicts(self);
-        opcua::one_writer_each(self);
+        claims::one_writer_each(self);
         claims::check(self, heartbeat.as_ref());
         line_time::check(self);
         loose_ends::warn(self);

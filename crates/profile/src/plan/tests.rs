@@ -60,7 +60,7 @@ fn planned(quirks: Quirks, signals: &[Signal]) -> Vec<ReadRequest> {
 fn shape(requests: &[ReadRequest]) -> Vec<String> {
     let one = |request: &ReadRequest| {
         let fields: Vec<String> = request.fields.iter().map(|field| field.signal.0.to_string()).collect();
-        let span = match request.asks {
+        let span = match &request.asks {
             ReadTarget::Registers { from, count } => format!("{from}+{count}"),
             ReadTarget::Object(object) => format!("read {object}"),
             ReadTarget::Nodes(nodes) => format!("{} nodes", nodes.len()),

@@ -5,7 +5,6 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::device::LineKind;
 use super::quirks::{Quirks, RawQuirks};
 use super::{At, Check, host_of};
 use crate::document::Section;
@@ -107,6 +106,17 @@ pub(super) enum BusType {
     ModbusRtuOverTcp,
     Can,
     #[serde(rename = "opcua")]
+    OpcUa,
+}
+
+/// What the devices of a line understand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum LineKind {
+    /// Registers.
+    Modbus,
+    /// Frames and CANopen objects.
+    Can,
+    /// Nodes of a server.
     OpcUa,
 }
 

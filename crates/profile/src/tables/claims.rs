@@ -3,6 +3,7 @@
 use std::collections::{BTreeSet, HashMap, HashSet};
 
 use super::heartbeat::Heartbeat;
+use super::output::Output;
 use super::register::one;
 use super::{At, Check};
 use crate::DeviceId;
@@ -170,6 +171,27 @@ fn runaway(check: &Check<'_>, claims: &[Claim<'_>]) {
             let message =
                 format!("the corrected position would overwrite {}, from which it is computed", read.shown());
             written.at.wrong(message, "read the scale's own register; write another");
+        }
+    }
+}
+
+/// Two outputs in one node would undo each other; two devices may be one server.
+pub(super) fn one_writer_each(check: &Check<'_>) {
+    let server = |output: &Output| {
+        let bus = check.devices.get(output.device.0).and_then(|device| check.bus_of(device));
+        bus.map(|bus| bus.address.clone())
+    };
+    let written: Vec<&Output> =
+        check.outputs.right().filter(|output| matches!(output.address, Address::Node(_))).collect();
+    for (place, output) in written.iter().enumerate() {
+        let is_same = |first: &&&Output| first.address == output.address && server(first) == server(output);
+        if let Some(first) = written[..place].iter().find(is_same) {
+            let message = format!("the output `{}` writes this node already", first.name);
+            check
+                .at("output")
+                .key(&output.name)
+                .key("node")
+                .wrong(message, "give each output a node of its own");
         }
     }
 }

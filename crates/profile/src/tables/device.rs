@@ -7,7 +7,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
 use super::bus::periods::EVERY;
-use super::bus::{APART, Transport};
+use super::bus::{APART, LineKind, Transport};
 use super::label::{self, labelled};
 use super::opcua::SourceTime;
 use super::quirks::{Quirks, RawQuirks};
@@ -131,17 +131,6 @@ pub struct Device {
     pub can: Option<CanDevice>,
     /// What the time stamps of an OPC UA server say; `None` on every other line.
     pub source_time: Option<SourceTime>,
-}
-
-/// What the devices of a line understand.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum LineKind {
-    /// Registers.
-    Modbus,
-    /// Frames and CANopen objects.
-    Can,
-    /// Nodes of a server.
-    OpcUa,
 }
 
 impl Device {

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::At;
-use super::device::LineKind;
+use super::bus::LineKind;
 use super::register::{Notation, holding};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
@@ -69,7 +69,7 @@ impl RawHeartbeat {
                 Some(LineKind::Can) => {
                     "name a Modbus device; a CANopen node has a heartbeat consumer of its own, object 1016"
                 }
-                _ => "name a Modbus device; an OPC UA server sees by the session that the gateway is gone",
+                _ => "name a Modbus device; an OPC UA server notices by itself that a client is gone",
             };
             at.key("device").wrong("the heartbeat is a register, and this device has none", help);
             return None;

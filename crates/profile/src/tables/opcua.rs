@@ -3,10 +3,9 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::output::Output;
+use super::At;
 use super::register::TypeWord;
-use super::{At, Check};
-use isotherm_core::codec::{Address, DataType, Node, NodeId};
+use isotherm_core::codec::{DataType, Node, NodeId};
 
 /// What the time says that a server stamps a value with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -62,25 +61,4 @@ pub(super) fn written(at: &At<'_>, text: Option<&String>, kind: Option<TypeWord>
     }
     let (id, data_type) = (id(at, text, "which node is written?"), node_type(at, kind));
     Some(Node { id: id?, data_type: Some(data_type.ok()??) })
-}
-
-/// Two outputs in one node would undo each other; two devices may be one server.
-pub(super) fn one_writer_each(check: &Check<'_>) {
-    let server = |output: &Output| {
-        let bus = check.devices.get(output.device.0).and_then(|device| check.bus_of(device));
-        bus.map(|bus| bus.address.clone())
-    };
-    let written: Vec<&Output> =
-        check.outputs.right().filter(|output| matches!(output.address, Address::Node(_))).collect();
-    for (place, output) in written.iter().enumerate() {
-        let is_same = |first: &&&Output| first.address == output.address && server(first) == server(output);
-        if let Some(first) = written[..place].iter().find(is_same) {
-            let message = format!("the output `{}` writes this node already", first.name);
-            check
-                .at("output")
-                .key(&output.name)
-                .key("node")
-                .wrong(message, "give each output a node of its own");
-        }
-    }
 }

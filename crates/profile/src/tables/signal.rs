@@ -5,8 +5,8 @@ use std::time::Duration;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
+use super::bus::LineKind;
 use super::can::{self, RawFrame, RawPdo, Sender};
-use super::device::LineKind;
 use super::label::{self, labelled};
 use super::register::{self, Flag, Notation, TypeWord, WordOrderWord, plain};
 use super::{At, dbc, expression, opcua};
