@@ -158,13 +158,6 @@ fn what_is_wrong_with_a_node_is_told_at_its_key() {
         "share",
         &["a Modbus device"],
     );
-    no_server(
-        "type = \"f64\"\n",
-        "type = \"bool\"\nscale = 1.0\n",
-        "output.k0.type",
-        "\"bool\"",
-        &["one bit"],
-    );
 }
 
 #[test]
