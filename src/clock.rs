@@ -9,6 +9,7 @@
 //! would have to notice by itself could be overtaken by the clock. Where nobody could, because the message comes
 //! through the kernel and nobody answers it, its reader keeps an [`Inlet`].
 
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -204,6 +205,14 @@ impl Sleeper {
             Place::Wall(notify, _) => WakeupOf::Wall(notify.clone()),
             Place::Simulated(membership) => WakeupOf::Simulated(membership.wakeup()),
         })
+    }
+
+    /// What has woken it so far is known, and does not keep it from its next sleep; by a virtual clock, which nothing is
+    /// gained by, it still does.
+    pub fn forget_wakeups(&mut self) {
+        if let Place::Wall(notify, _) = &self.place {
+            pin!(notify.notified()).enable();
+        }
     }
 
     /// Returns at `deadline`, or as soon as it is woken (also when it was since the last sleep); and tells when

@@ -5,7 +5,7 @@
 
 use std::fmt;
 use std::sync::Arc;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::Passing;
 use super::alarm::{Alarm, Given};
@@ -47,8 +47,8 @@ impl fmt::Debug for TimeOfDay {
 /// Counts from the time of day at its start.
 #[derive(Debug)]
 pub(super) struct Wall {
-    anchor: Moment,
-    started: Duration,
+    /// When what passes was zero.
+    beginning: Moment,
     passing: Passing,
     pub(super) time_of_day: TimeOfDay,
     alarms: Given,
@@ -56,8 +56,8 @@ pub(super) struct Wall {
 
 impl Wall {
     pub(super) fn start(passing: Passing, time_of_day: TimeOfDay) -> Wall {
-        let anchor = time_of_day.now().max(EARLIEST);
-        Wall { anchor, started: passing.passed(), passing, time_of_day, alarms: Given::default() }
+        let beginning = time_of_day.now().max(EARLIEST).before(passing.passed());
+        Wall { beginning, passing, time_of_day, alarms: Given::default() }
     }
 
     /// None where time is counted by what a test has put in the system's place, which goes at a pace of its own.
@@ -66,6 +66,6 @@ impl Wall {
     }
 
     pub(super) fn now(&self) -> Moment {
-        self.anchor.after(self.passing.passed().saturating_sub(self.started))
+        self.beginning.after(self.passing.passed())
     }
 }

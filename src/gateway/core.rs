@@ -64,6 +64,8 @@ pub(super) struct Core {
     /// What an axis rests on has been read since the start.
     pub(super) has_read: bool,
     pub(super) stepped_at: Moment,
+    /// When the time of day is looked at again.
+    pub(super) day_due: Moment,
     /// When the next one is due.
     pub(super) next_due: Option<Moment>,
     /// Who wanted another program in the place of this one, as it stands in a sentence.
@@ -103,6 +105,7 @@ impl Core {
             was_driven: vec![false; profile.axes.len()],
             has_read: false,
             stepped_at: Moment::default(),
+            day_due: Moment::default(),
             replaced_by: String::new(),
             failed: false,
             events: Vec::new(),
@@ -115,7 +118,8 @@ impl Core {
 
     /// Steps each axis that is due, or has something new to take in; `false` where there was none.
     pub(super) fn advance(&mut self, now: Moment) -> bool {
-        let Given { profile, dependents, .. } = &self.given.clone();
+        let given = &self.given.clone();
+        let Given { profile, dependents, .. } = given;
         // What was decided before a stop that keeps the registers is carried out, and nothing else.
         if self.stop == Some(OnStop::Hold) {
             return false;
@@ -130,7 +134,7 @@ impl Core {
                 self.hear_probing(*axis, now);
             }
         }
-        let is_urgent = self.refresh_controls(now);
+        let is_urgent = self.refresh_controls(given, now);
         if !due && !is_urgent && !self.would_notice(now) {
             return false;
         }
@@ -179,7 +183,7 @@ impl Core {
                 };
             }
         }
-        self.disarm_tripped();
+        self.disarm_tripped(profile);
         let has_learned = self.report_probings(profile, now);
         self.storage.remember((now, has_learned), &self.compensation, profile, self.outputs.states());
         if stepped.noticed.started {
@@ -188,8 +192,8 @@ impl Core {
         if stepped.noticed.zeroed {
             self.events.push(Event::Zeroed);
         }
-        self.report_signals(now);
-        self.report_axes(now);
+        self.report_signals(profile, now);
+        self.report_axes(profile, now);
         true
     }
 
@@ -200,8 +204,8 @@ impl Core {
 
     /// What the world outside allows each axis, worked out again where it may have changed; whether one of them is to be
     /// stepped for that at once.
-    fn refresh_controls(&mut self, now: Moment) -> bool {
-        let Given { profile, dry_run, .. } = &self.given.clone();
+    fn refresh_controls(&mut self, given: &Given, now: Moment) -> bool {
+        let Given { profile, dry_run, .. } = given;
         let mut is_urgent = false;
         loop {
             let output = self.outputs.next_changed().map(|id| profile.output(id).axis.0);
@@ -462,8 +466,7 @@ impl Core {
     }
 
     /// An axis beyond its error level is off once its fault action has come to its end, and stays so until it is armed.
-    pub(super) fn disarm_tripped(&mut self) {
-        let profile = &*self.given.profile.clone();
+    fn disarm_tripped(&mut self, profile: &Profile) {
         for (place, axis) in profile.axes.iter().enumerate() {
             let Some(decision) = self.compensation.decision(place) else { continue };
             let ended = match decision.state {
@@ -487,8 +490,7 @@ impl Core {
         }
     }
 
-    fn report_signals(&mut self, now: Moment) {
-        let profile = &*self.given.profile.clone();
+    fn report_signals(&mut self, profile: &Profile, now: Moment) {
         for change in self.board.changes(now) {
             match change {
                 // The device or the bus has been reported already.
@@ -512,8 +514,7 @@ impl Core {
         }
     }
 
-    fn report_axes(&mut self, now: Moment) {
-        let profile = &*self.given.profile.clone();
+    fn report_axes(&mut self, profile: &Profile, now: Moment) {
         let mut events = std::mem::take(&mut self.events);
         let mut reported = std::mem::take(&mut self.reported);
         for (axis, reported) in reported.iter_mut().enumerate() {

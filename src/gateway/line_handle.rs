@@ -14,6 +14,9 @@ use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Arm, BusId, DeviceId, OutputId};
 
+/// A step of an axis looks whether the computer's clock was set, but not more often than this.
+const DAY_EVERY: Duration = Duration::from_millis(100);
+
 /// One line's hold on what all of them share.
 #[derive(Clone)]
 pub(super) struct LineHandle {
@@ -44,8 +47,12 @@ impl LineHandle {
             signing::follow(&mut core, now);
         }
         let due = core.next_due;
+        let looks_at_day = stepped && now >= core.day_due;
+        if looks_at_day {
+            core.day_due = now.after(DAY_EVERY);
+        }
         drop(core);
-        if stepped {
+        if looks_at_day {
             self.look_at_the_time_of_day();
         }
         if stepped && self.profile.buses.len() > 1 {

@@ -159,7 +159,7 @@ impl LineTask {
     async fn turns(mut self, mut sleeper: Sleeper) {
         let mut now = self.line.look();
         loop {
-            self.take_note(now);
+            self.take_note(&mut sleeper, now);
             let turn = self.next(now);
             // After the axes, where it is their turn: what the others do then goes by what was just decided.
             if turn != Turn::Step && std::mem::take(&mut self.wakes_others) {
@@ -209,14 +209,16 @@ impl LineTask {
     }
 
     /// What has happened elsewhere since the last turn.
-    fn take_note(&mut self, now: Moment) {
+    fn take_note(&mut self, sleeper: &mut Sleeper, now: Moment) {
         if let Some(since) = self.line.departure.stood_still() {
             self.shared.stood_still(since);
         }
-        let news = self.shared.news(self.bus);
-        if std::mem::replace(&mut self.news, news) == news {
+        if self.shared.news(self.bus) == self.news {
             return;
         }
+        // Before it is looked what there is: who comes after this wakes it again.
+        sleeper.forget_wakeups();
+        self.news = self.shared.news(self.bus);
         (self.has_news, self.inspects) = (true, true);
         for revived in self.can.iter().flat_map(|can| can.revived()) {
             self.line.revive(revived);

@@ -166,9 +166,7 @@ fn to_bits(raw: i128) -> u64 {
 
 /// The raw count in these bits.
 pub(super) fn integer_of(data_type: DataType, bits: u64) -> i128 {
-    let width = u32::from(data_type.width());
-    let value = i128::from(bits) & ((1 << width) - 1);
-    let signed = matches!(data_type, DataType::I16 | DataType::I32 | DataType::I64 | DataType::Signed(_));
+    let beyond = 64 - u32::from(data_type.width());
     match data_type {
         DataType::Bool => i128::from(bits != 0),
         DataType::Bit(bit) => i128::from(bits >> bit & 1),
@@ -176,7 +174,10 @@ pub(super) fn integer_of(data_type: DataType, bits: u64) -> i128 {
             let magnitude = i128::from(bits & 0x00ff_ffff);
             if bits >> 28 & 1 == 1 { -magnitude } else { magnitude }
         }
-        _ if signed && bits >> (width - 1) == 1 => value - (1i128 << width),
-        _ => value,
+        // The sign is in the highest bit, and comes down from there.
+        DataType::I16 | DataType::I32 | DataType::I64 | DataType::Signed(_) => {
+            i128::from((bits << beyond).cast_signed() >> beyond)
+        }
+        _ => i128::from(bits << beyond >> beyond),
     }
 }
