@@ -1,5 +1,7 @@
 //! The gateway in this process, beside a script that looks at it.
 
+#![allow(dead_code, reason = "each of the tests uses its part")]
+
 use std::path::Path;
 use std::time::Duration;
 

@@ -54,16 +54,16 @@ fn a_sinumerik_is_given_its_line_in_three_nodes_that_the_profile_names() {
         .iter()
         .map(|output| {
             let Address::Node(node) = &output.address else { panic!("{}", output.address) };
-            (output.writes, node.to_string(), node.data_type, output.encoding.scale.get().round() as i64)
+            (output.writes, node.to_string(), node.data_type, output.encoding.scale.get().round())
         })
         .collect();
     let double = Some(DataType::F64);
     assert_eq!(
         written,
         [
-            (Writes::Intercept, "ns=2;s=/SEA/intercept".to_owned(), double, 1000),
-            (Writes::Slope, "ns=2;s=/SEA/slope".to_owned(), double, 1000),
-            (Writes::Reference, "ns=2;s=/SEA/reference".to_owned(), double, 1),
+            (Writes::Intercept, "ns=2;s=/SEA/intercept".to_owned(), double, 1000.0),
+            (Writes::Slope, "ns=2;s=/SEA/slope".to_owned(), double, 1000.0),
+            (Writes::Reference, "ns=2;s=/SEA/reference".to_owned(), double, 1.0),
         ]
     );
     let unnamed = targets.map(|name| target(name, ""));

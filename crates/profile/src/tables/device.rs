@@ -163,7 +163,7 @@ impl Device {
                 "the server's time stamps say when a value changed: they make no reading older"
             }
         });
-        section.lines("    ", &stamped);
+        section.lines("    ", stamped);
         section.entry("source_time", stamped);
         section.entry("name", name);
         section.entry("label", &self.label);
