@@ -10,6 +10,7 @@ use isotherm::clock::Clock;
 use isotherm::fieldbus::can::{CanDial, Heard, Images, Link};
 use isotherm::fieldbus::departure::Leave;
 use isotherm::fieldbus::line::DeviceLine;
+use isotherm::fieldbus::wire::Request;
 use isotherm::observe::status::{Source, Status};
 use isotherm_core::codec::{CanId, CanMatch};
 use isotherm_core::quantity::Moment;
@@ -454,7 +455,8 @@ fn an_sdo_answer_that_waits_in_the_kernel_before_its_question_is_no_reading() {
         });
         let dial = Box::new(CanDial::new(link, bus.timeout));
         let mut line = DeviceLine::new(bus, &[(DeviceId(0), machine.device(DeviceId(0)))], dial, &clock);
-        let asked = machine.requests(DeviceId(0))[0].asks.into();
+        let requests = machine.requests(DeviceId(0));
+        let asked = Request::from(&requests[0].asks);
         const ENOUGH: u32 = 10;
         let mut tried = 0;
         for _ in 0..20 * ENOUGH {
