@@ -42,8 +42,8 @@ pub mod wire;
 
 use isotherm_profile::{Bus, Transport};
 
-/// What opens the connections of a Modbus line or to an OPC UA server, by what the line is made of. `None` for a CAN interface: it is listened to
-/// before anything is asked there, and who listens opens it.
+/// What opens the connections of a Modbus line or to an OPC UA server, by what the line is made of. `None` for a CAN
+/// interface: it is listened to before anything is asked there, and who listens opens it.
 pub fn dial(bus: &Bus) -> Option<Box<dyn connection::Dial>> {
     if bus.transport == Transport::OpcUa {
         #[cfg(feature = "opcua")]

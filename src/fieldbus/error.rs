@@ -326,8 +326,11 @@ impl Fault {
     }
 }
 
-/// The answers to a write that say it was not done: BadNotWritable, BadTypeMismatch, BadUserAccessDenied, BadNodeIdUnknown,
-/// BadOutOfRange. Any other may come of a server that has handed the value on already.
+/// The answers to a write that say it was not done. Any other may come of a server that has handed the value on already.
 const fn is_not_done(status: Status) -> bool {
-    matches!(status.0 >> 16, 0x803b | 0x8074 | 0x801f | 0x8034 | 0x803c)
+    status.is(Status::ACCESS_DENIED)
+        || status.is(Status::NO_SUCH_NODE)
+        || status.is(Status::NOT_WRITABLE)
+        || status.is(Status::OUT_OF_RANGE)
+        || status.is(Status::TYPE_MISMATCH)
 }

@@ -5,6 +5,7 @@
 
 use std::io::{Error, ErrorKind};
 
+use isotherm_core::reading::Status;
 use isotherm_profile::regular::without_numbers;
 
 use super::error::{Fault, LinkFault, PeerFault};
@@ -58,19 +59,19 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         Fault::Peer(PeerFault::Type) => {
             "write the node's own `type`; of a signal it may be left out, and any number is taken"
         }
-        Fault::Status(status) if status.is(0x801f_0000) => {
+        Fault::Status(status) if status.is(Status::ACCESS_DENIED) => {
             "the user of the line lacks the right: give it that at the server, or write another `user`"
         }
-        Fault::Status(status) if status.is(0x803b_0000) => {
+        Fault::Status(status) if status.is(Status::NOT_WRITABLE) => {
             "the server lets nobody write it: is it the right node, is writing switched on there?"
         }
-        Fault::Status(status) if status.is(0x8074_0000) => {
+        Fault::Status(status) if status.is(Status::TYPE_MISMATCH) => {
             "the node has another type: write its own at the output; a browser of the server shows it"
         }
-        Fault::Status(status) if status.is(0x8034_0000) => {
+        Fault::Status(status) if status.is(Status::NO_SUCH_NODE) => {
             "there is no such node: is its name right, is its namespace (`ns`) still the same after an update of the server?"
         }
-        Fault::Status(status) if status.is(0x803c_0000) => {
+        Fault::Status(status) if status.is(Status::OUT_OF_RANGE) => {
             "the server takes no such value there: is the scale right, are the axis's limit and the node's range?"
         }
         Fault::Status(_) => "the server's own log or display says why",

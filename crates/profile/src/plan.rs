@@ -9,7 +9,7 @@ use std::fmt;
 
 use crate::document::Section;
 use crate::{Device, Profile, Quirks, Signal};
-use isotherm_core::codec::{Address, DataType, Node, Object, Register};
+use isotherm_core::codec::{Address, Node, Object, Register};
 use isotherm_core::reading::SignalId;
 
 /// Most coils or discrete inputs that one request may ask for, by the protocol.
@@ -61,16 +61,21 @@ pub fn plan<'a>(
     let quirks = &device.quirks;
     let mut requests: Vec<ReadRequest> = Vec::new();
     let mut together: Vec<ReadRequest> = Vec::new();
-    let mut nodes: Vec<(Field, Vec<Node>)> = Vec::new();
+    let mut nodes: Vec<(Field, Node)> = Vec::new();
     for (id, signal) in signals {
         let data_type = signal.encoding.data_type;
-        let Some(asks) = ReadTarget::of(&signal.address, data_type) else { continue };
-        let len = data_type.registers();
-        let fields = vec![Field { signal: id, at: 0, len }];
-        if let ReadTarget::Nodes(node) = asks {
-            nodes.push((Field { signal: id, at: 0, len }, node));
-            continue;
-        }
+        let field = Field { signal: id, at: 0, len: data_type.registers() };
+        let asks = match &signal.address {
+            Address::Modbus(from) => ReadTarget::Registers { from: *from, count: data_type.registers() },
+            Address::Object(object) => ReadTarget::Object(*object),
+            Address::Node(node) => {
+                nodes.push((field, node.clone()));
+                continue;
+            }
+            // Nobody can be asked for it.
+            Address::Frame(_) => continue,
+        };
+        let fields = vec![field];
         let shares = signal.merge && !quirks.one_request_per_field && signal.address.register().is_some();
         if shares { &mut together } else { &mut requests }.push(ReadRequest { asks, fields });
     }
@@ -89,25 +94,11 @@ pub fn plan<'a>(
 }
 
 /// The one request that reads all of these.
-fn all_nodes(nodes: Vec<(Field, Vec<Node>)>) -> Option<ReadRequest> {
-    let numbered = nodes.iter().zip(0..);
-    let fields: Vec<Field> = numbered.map(|((field, _), at)| Field { at, ..*field }).collect();
-    let nodes = nodes.into_iter().flat_map(|(_, node)| node).collect();
+fn all_nodes(nodes: Vec<(Field, Node)>) -> Option<ReadRequest> {
+    let numbered = nodes.into_iter().zip(0..);
+    let (fields, nodes): (Vec<_>, Vec<_>) =
+        numbered.map(|((field, node), at)| (Field { at, ..field }, node)).unzip();
     (!fields.is_empty()).then_some(ReadRequest { asks: ReadTarget::Nodes(nodes), fields })
-}
-
-impl ReadTarget {
-    /// What reads a value of this type there; `None` where nobody can be asked for it.
-    pub fn of(at: &Address, data_type: DataType) -> Option<ReadTarget> {
-        match at {
-            Address::Modbus(from) => {
-                Some(ReadTarget::Registers { from: *from, count: data_type.registers() })
-            }
-            Address::Object(object) => Some(ReadTarget::Object(*object)),
-            Address::Node(node) => Some(ReadTarget::Nodes(vec![node.clone()])),
-            Address::Frame(_) => None,
-        }
-    }
 }
 
 impl ReadRequest {

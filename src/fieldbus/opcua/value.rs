@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use ::opcua::types::{ByteString, DataValue, DateTime, Guid, NodeId, Variant};
 use isotherm_core::codec::{DataType, Identifier, Node, Scalar};
-use isotherm_core::reading::Reason;
+use isotherm_core::reading::{Reason, Status};
 
 use crate::fieldbus::wire::{NodeReading, Stamped};
 
@@ -32,10 +32,10 @@ pub(super) fn reading(node: &Node, value: &DataValue, answered: DateTime) -> Nod
         Some(source) if !source.is_null() && !answered.is_null() => since(source.ticks(), answered.ticks()),
         _ => Stamped::Unknown,
     };
-    let scalar = match (&value.value, status.bits() >> 30) {
-        (_, severity) if severity != 0 => Err(Reason::Status(status.bits())),
-        (Some(value), _) => scalar(value).ok_or(Reason::WrongType),
-        (None, _) => Err(Reason::BadReply),
+    let scalar = match &value.value {
+        _ if !Status(status.bits()).is_good() => Err(Reason::Status(status.bits())),
+        Some(value) => scalar(value).ok_or(Reason::WrongType),
+        None => Err(Reason::BadReply),
     };
     NodeReading { value: scalar.and_then(|scalar| node.registers(scalar)), stamped }
 }

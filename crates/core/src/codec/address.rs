@@ -1,5 +1,5 @@
-//! Where a value is: in registers, in a CANopen object, in CAN frames, or in a node of an OPC UA server. Registers have two notations that people use:
-//! `input:0` (protocol, zero-based) and `30001` (Modicon, one-based).
+//! Where a value is: in registers, in a CANopen object, in CAN frames, or in a node of an OPC UA server. Registers have two
+//! notations that people use: `input:0` (protocol, zero-based) and `30001` (Modicon, one-based).
 
 use std::fmt;
 use std::str::FromStr;

@@ -53,14 +53,25 @@ const NAMES: [(u32, &str); 42] = [
 ];
 
 impl Status {
+    /// BadUserAccessDenied.
+    pub const ACCESS_DENIED: Status = Status(0x801f_0000);
+    /// BadNodeIdUnknown.
+    pub const NO_SUCH_NODE: Status = Status(0x8034_0000);
+    /// BadNotWritable.
+    pub const NOT_WRITABLE: Status = Status(0x803b_0000);
+    /// BadOutOfRange.
+    pub const OUT_OF_RANGE: Status = Status(0x803c_0000);
+    /// BadTypeMismatch.
+    pub const TYPE_MISMATCH: Status = Status(0x8074_0000);
+
     /// The value may be used.
     pub const fn is_good(self) -> bool {
         self.0 >> 30 == 0
     }
 
     /// It is this one. The lower half says more of the value, and nothing of what has happened.
-    pub const fn is(self, code: u32) -> bool {
-        self.0 >> 16 == code >> 16
+    pub const fn is(self, other: Status) -> bool {
+        self.0 >> 16 == other.0 >> 16
     }
 
     /// Its name, where it is one that is met.
@@ -94,7 +105,7 @@ mod tests {
     fn a_status_has_its_name_whatever_its_lower_half_says() {
         assert_eq!(Status(0x801f_0000).to_string(), "BadUserAccessDenied");
         assert_eq!(Status(0x801f_0480).to_string(), "BadUserAccessDenied");
-        assert!(Status(0x801f_0480).is(0x801f_0000));
+        assert!(Status(0x801f_0480).is(Status::ACCESS_DENIED));
         assert_eq!(Status(0x8123_0000).to_string(), "status 81230000h");
     }
 }
