@@ -2,7 +2,6 @@
 //!
 //! `tests/run opcua` installs it, and builds the feature. Without asyncua these tests fail and say so.
 
-#![cfg(feature = "opcua")]
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 #[path = "device/gateway.rs"]

@@ -23,7 +23,7 @@ fn here(name: &str) -> PathBuf {
 /// Python with asyncua.
 pub(crate) fn python(script: &str) -> Command {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
-    let python = target.join("tools/opcua/bin/python");
+    let python = target.join("tools/venv/bin/python");
     let lacks = "asyncua is not installed: `tests/run opcua` does it";
     assert!(python.exists(), "{}: {lacks}", python.display());
     let mut command = Command::new(python);
