@@ -3,6 +3,7 @@
 //! - [`bus`] — a line in one word: `tcp://192.168.0.10:502`.
 //! - [`ask`] — one question at a time, on the same [`crate::fieldbus::line`] that the gateway uses.
 //! - [`can`] — the interface of a CAN line, as the kernel has it.
+//! - `opcua` — an OPC UA server, by feature: what it offers, its certificate, its nodes.
 //! - [`mod@pipeline`] — whether a device bears two questions at a time.
 //! - [`scan`] — which units answer; [`walk`] — which registers a unit has.
 //! - [`values`] — what registers mean, in each order where none was given.
@@ -11,6 +12,8 @@
 pub mod ask;
 pub mod bus;
 pub mod can;
+#[cfg(feature = "opcua")]
+pub mod opcua;
 pub mod pipeline;
 pub mod remedy;
 pub mod scan;

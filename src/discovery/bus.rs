@@ -1,16 +1,18 @@
 //! A line in one word, as people type it: `tcp://192.168.0.10:502`, `rtu:///dev/ttyUSB0?baud=9600&parity=none`,
-//! `rtu+tcp://192.168.0.11:4001`.
+//! `rtu+tcp://192.168.0.11:4001`, `opc.tcp://192.168.0.12:4840`.
 
 use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
-use isotherm_profile::{Bus, Quirks};
+use isotherm_profile::{Bus, OpcUa, Quirks};
 
 pub use isotherm_profile::{Parity, Serial, Transport};
 
 /// The port of Modbus TCP.
 const PORT: u16 = 502;
+/// The port of OPC UA.
+const OPCUA_PORT: u16 = 4840;
 /// Settings of a serial port where nothing else is said: what most modules are shipped with.
 const SHIPPED_WITH: Serial = Serial { baud: 9600, parity: Parity::None, stop_bits: 1 };
 
@@ -45,7 +47,7 @@ impl LineAddress {
             transport: self.transport,
             address: self.address.clone(),
             tls: None,
-            opcua: None,
+            opcua: (self.transport == Transport::OpcUa).then(OpcUa::plain),
             timeout,
             late: self.transport.late(timeout),
             pipeline: 1,
@@ -91,13 +93,19 @@ impl FromStr for LineAddress {
     /// # Errors
     /// A sentence that says how to write it.
     fn from_str(text: &str) -> Result<LineAddress, String> {
-        const FORMS: &str = "write tcp://192.168.0.10:502, rtu:///dev/ttyUSB0?baud=9600&parity=none or \
-                             rtu+tcp://192.168.0.11:4001";
+        const FORMS: &str = "write tcp://192.168.0.10:502, rtu:///dev/ttyUSB0?baud=9600&parity=none, \
+                             rtu+tcp://192.168.0.11:4001 or opc.tcp://192.168.0.12:4840";
         let (scheme, rest) = text.split_once("://").ok_or_else(|| format!("`{text}` is no line; {FORMS}"))?;
         match scheme {
             "tcp" => Ok(LineAddress { transport: Transport::Tcp, address: host(rest, Some(PORT))? }),
             "rtu+tcp" => Ok(LineAddress { transport: Transport::RtuOverTcp, address: host(rest, None)? }),
             "rtu" => serial(rest),
+            "opc.tcp" => {
+                let (name, path) = rest.split_once('/').unwrap_or((rest, ""));
+                let path = if path.is_empty() { String::new() } else { format!("/{path}") };
+                let address = format!("opc.tcp://{}{path}", host(name, Some(OPCUA_PORT))?);
+                Ok(LineAddress { transport: Transport::OpcUa, address })
+            }
             _ => Err(format!("`{scheme}` is no kind of line; {FORMS}")),
         }
     }

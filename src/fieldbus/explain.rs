@@ -34,8 +34,8 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         }
         Fault::Exception(_) => "the device's manual says what it means",
         Fault::Link(LinkFault::Refused) => {
-            "is the port right (Modbus TCP has 502), is Modbus switched on in the device, is another master holding its \
-             only connection?"
+            "is the port right (Modbus TCP has 502, OPC UA 4840), is it switched on in the device, is another master holding \
+             its only connection?"
         }
         Fault::Link(LinkFault::Unresolved) => {
             "is it written right, and does this computer know it (`getent hosts NAME`)? An address such as 192.168.0.10 \

@@ -36,9 +36,12 @@ use session::Session;
 use status::dial_fault;
 use wire::OpcUa;
 
+pub mod browse;
+pub mod certificate;
 mod channel;
 mod endpoint;
 mod files;
+pub mod offer;
 mod session;
 mod status;
 mod value;
@@ -74,8 +77,7 @@ impl OpcUaDial {
     /// To the server of this bus; `None` for any other kind of line.
     pub(super) fn new(bus: &Bus) -> Option<OpcUaDial> {
         let line = bus.opcua.as_ref()?;
-        let rest = bus.address.split_once("://").map_or(bus.address.as_str(), |(_, rest)| rest);
-        let address = rest.split('/').next().unwrap_or_default().to_owned();
+        let address = host_and_port(&bus.address).to_owned();
         let (url, timeout) = (bus.address.clone(), bus.timeout);
         let files = Files::read(line).ok();
         Some(OpcUaDial { url, address, security: line.security, timeout, files, known: None })
@@ -113,7 +115,7 @@ impl OpcUaDial {
 
     /// A new session.
     async fn begin(&self, files: &Files) -> Result<(Link, Known), Fault> {
-        let endpoints = self.endpoints().await?;
+        let endpoints = offered(&self.url, self.timeout).await?;
         let endpoint =
             endpoint::choose(endpoints, self.security, &files.user).ok_or(fault(OpcUaFault::NoEndpoint))?;
         if self.security != Security::None {
@@ -133,15 +135,22 @@ impl OpcUaDial {
     fn shown<'f>(&self, files: &'f Files) -> Option<&'f (X509, PrivateKey)> {
         files.own.as_ref().filter(|_| self.security != Security::None)
     }
+}
 
-    /// What the server offers, asked on a connection of its own that nothing protects.
-    async fn endpoints(&self) -> Result<Vec<EndpointDescription>, Fault> {
-        let socket = connected(&self.address, self.timeout).await?;
-        let socket = Socket::new(&self.url, socket, None);
-        let plain = channel::secured(&EndpointDescription::from(self.url.as_str()));
-        let mut link = Link::open(Arc::new(plain), &socket).await.map_err(|_| fault(OpcUaFault::NoServer))?;
-        session::endpoints(&mut link, &self.url, self.timeout + OPENING).await
-    }
+/// Host and port in the URL of a server.
+fn host_and_port(url: &str) -> &str {
+    let rest = url.split_once("://").map_or(url, |(_, rest)| rest);
+    rest.split('/').next().unwrap_or_default()
+}
+
+/// What a server offers, asked on a connection of its own that nothing protects.
+async fn offered(url: &str, timeout: Duration) -> Result<Vec<EndpointDescription>, Fault> {
+    let socket = connected(host_and_port(url), timeout).await?;
+    let socket = Socket::new(url, socket, None);
+    let plain = channel::secured(&EndpointDescription::from(url));
+    let opening = Link::open(Arc::new(plain), &socket);
+    let mut link = opening.await.map_err(|_| fault(OpcUaFault::NoServer))?;
+    session::endpoints(&mut link, url, timeout + OPENING).await
 }
 
 fn fault(why: OpcUaFault) -> Fault {

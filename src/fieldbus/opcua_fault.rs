@@ -20,7 +20,7 @@ pub enum OpcUaFault {
     NoEndpoint,
     /// Its certificate is not in the directory.
     #[error(
-        "the server's certificate is not among those in `trusted`: compare its thumbprint, then put it there"
+        "the server's certificate is not among those in `trusted`: `isotherm opcua trust PROFILE` shows it, and puts it there"
     )]
     NotTrusted,
     /// Its certificate is too old.
@@ -35,7 +35,10 @@ pub enum OpcUaFault {
     #[error("the server does not prove that its certificate is its own: is something between?")]
     NotProven,
     /// The gateway's certificate is too old.
-    #[error("the gateway's certificate in `cert` has expired: make a new one, and trust it at the server")]
+    #[error(
+        "the gateway's certificate in `cert` has expired: move it and its key away, make a new one (`isotherm opcua \
+         certificate PROFILE`), and trust it at the server"
+    )]
     OursExpired,
     /// The gateway's certificate is not taken.
     #[error("the server does not trust the gateway's certificate in `cert`: put it among those it trusts")]

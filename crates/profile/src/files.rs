@@ -15,6 +15,8 @@ const OF_OTHERS: u32 = 0o006;
 pub(crate) enum Files<'a> {
     /// Relative to this directory; and the names of those that were read.
     Beside(&'a Path, &'a Mutex<BTreeSet<String>>),
+    /// The same where certificates may not have been made yet.
+    Growing(&'a Path, &'a Mutex<BTreeSet<String>>),
     /// By name.
     Inside(&'a [(&'a str, &'a [u8])]),
 }
@@ -25,28 +27,38 @@ impl Files<'_> {
     /// # Errors
     /// A sentence: it is there and cannot be read.
     pub(crate) fn text(&self, name: &str) -> Result<Option<String>, String> {
-        let is_there = match self {
-            Files::Beside(directory, _) => directory.join(name).exists(),
-            Files::Inside(files) => files.iter().any(|(known, _)| *known == name),
-        };
-        if !is_there {
+        if !self.is_there(name) {
             return Ok(None);
         }
         let text = String::from_utf8(self.bytes(name, regular::LARGEST_PROFILE)?);
         text.map(Some).map_err(|_| format!("{} is no text in UTF-8", self.path(name)))
     }
 
+    fn is_there(&self, name: &str) -> bool {
+        match self {
+            Files::Beside(directory, _) | Files::Growing(directory, _) => directory.join(name).exists(),
+            Files::Inside(files) => files.iter().any(|(known, _)| *known == name),
+        }
+    }
+
+    /// Whether this certificate, or key, is still to be made.
+    pub(crate) fn is_to_be_made(&self, name: &str) -> bool {
+        matches!(self, Files::Growing(..)) && !self.is_there(name)
+    }
+
     /// As errors name a file.
     pub(crate) fn path(&self, name: &str) -> String {
         match self {
-            Files::Beside(directory, _) => directory.join(name).display().to_string(),
+            Files::Beside(directory, _) | Files::Growing(directory, _) => {
+                directory.join(name).display().to_string()
+            }
             Files::Inside(_) => name.to_owned(),
         }
     }
 
     /// Whether anybody on this computer may read or change it.
     pub(crate) fn is_open_to_all(&self, name: &str) -> bool {
-        let Files::Beside(directory, _) = self else { return false };
+        let (Files::Beside(directory, _) | Files::Growing(directory, _)) = self else { return false };
         let found = directory.join(name).metadata();
         found.is_ok_and(|found| found.permissions().mode() & OF_OTHERS != 0)
     }
@@ -54,7 +66,7 @@ impl Files<'_> {
     /// The names in a directory that end so, without that end.
     pub(crate) fn names(&self, directory: &str, end: &str) -> Vec<String> {
         let names: Vec<String> = match self {
-            Files::Beside(beside, _) => {
+            Files::Beside(beside, _) | Files::Growing(beside, _) => {
                 let entries = std::fs::read_dir(beside.join(directory)).into_iter().flatten().flatten();
                 entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect()
             }
@@ -76,7 +88,7 @@ impl Files<'_> {
 
     fn bytes(&self, name: &str, largest: u64) -> Result<Vec<u8>, String> {
         match self {
-            Files::Beside(directory, read) => {
+            Files::Beside(directory, read) | Files::Growing(directory, read) => {
                 read.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_owned());
                 let path = directory.join(name);
                 regular::read(&path, largest).map_err(|why| {

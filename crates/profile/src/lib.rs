@@ -38,7 +38,7 @@ mod unseen;
 mod walk;
 
 pub use error::{Errors, ProfileError, allowed, nearest};
-pub use load::{Loaded, environment, load, parse, parse_with};
+pub use load::{Loaded, environment, load, load_before_certificates, parse, parse_with};
 pub use overridden::Overridden;
 pub use tables::axis::Axis;
 pub use tables::axis::model::network;

@@ -50,6 +50,27 @@ pub fn load(
     settings: &[(String, String)],
     environment: &[(String, String)],
 ) -> Result<Loaded, Errors> {
+    read(path, settings, environment, |directory, read| Files::Beside(directory, read))
+}
+
+/// The same for whoever makes the certificates of its OPC UA lines: where they are not there yet they are empty.
+///
+/// # Errors
+/// Everything else that is wrong with it, each with its place.
+pub fn load_before_certificates(
+    path: &Path,
+    settings: &[(String, String)],
+    environment: &[(String, String)],
+) -> Result<Loaded, Errors> {
+    read(path, settings, environment, |directory, read| Files::Growing(directory, read))
+}
+
+fn read(
+    path: &Path,
+    settings: &[(String, String)],
+    environment: &[(String, String)],
+    files_of: for<'a> fn(&'a Path, &'a Mutex<BTreeSet<String>>) -> Files<'a>,
+) -> Result<Loaded, Errors> {
     let name = path.display().to_string();
     let text = profile_text(path).map_err(|why| Errors(vec![unreadable(&name, &why)]))?;
     let mut files = vec![(path.to_owned(), text)];
@@ -60,7 +81,7 @@ pub fn load(
         Err(why) => return Err(Errors(vec![unreadable(&local.display().to_string(), &why)])),
     }
     let read = Mutex::new(BTreeSet::new());
-    let beside = Files::Beside(path.parent().unwrap_or(Path::new("")), &read);
+    let beside = files_of(path.parent().unwrap_or(Path::new("")), &read);
     let mut loaded = layered(&files, &beside, settings, environment)?;
     let layers = files.iter().filter_map(|(path, _)| path.file_name());
     loaded.files = layers.map(|name| name.to_string_lossy().into_owned()).collect();

@@ -17,29 +17,42 @@ pub(super) fn choose(
     security: Security,
     user: &IdentityToken,
 ) -> Option<EndpointDescription> {
-    let wanted = match security {
-        Security::None => MessageSecurityMode::None,
-        Security::Sign => MessageSecurityMode::Sign,
-        Security::SignAndEncrypt => MessageSecurityMode::SignAndEncrypt,
-    };
-    let rank = |endpoint: &EndpointDescription| {
-        let policy = SecurityPolicy::from_uri(endpoint.security_policy_uri.as_ref());
-        match security {
-            Security::None => (policy == SecurityPolicy::None).then_some(0),
-            Security::Sign | Security::SignAndEncrypt => POLICIES.iter().position(|known| *known == policy),
-        }
-    };
-    let is_binary = |endpoint: &EndpointDescription| {
-        let profile = endpoint.transport_profile_uri.as_ref();
-        profile.is_empty() || profile.ends_with("/uatcp-uasc-uabinary")
-    };
     let fitting = endpoints.into_iter().filter(|endpoint| {
-        endpoint.security_mode == wanted
+        security_of(endpoint) == Some(security)
             && is_binary(endpoint)
             && endpoint.find_policy(user_kind(user)).is_some()
     });
     let ranked = fitting.filter_map(|endpoint| Some((rank(&endpoint)?, endpoint)));
     ranked.min_by_key(|(rank, _)| *rank).map(|(_, endpoint)| endpoint)
+}
+
+/// The gateway can speak as this endpoint wants it.
+pub(super) fn is_spoken(endpoint: &EndpointDescription) -> bool {
+    is_binary(endpoint) && rank(endpoint).is_some()
+}
+
+/// What protects its messages.
+pub(super) fn security_of(endpoint: &EndpointDescription) -> Option<Security> {
+    match endpoint.security_mode {
+        MessageSecurityMode::None => Some(Security::None),
+        MessageSecurityMode::Sign => Some(Security::Sign),
+        MessageSecurityMode::SignAndEncrypt => Some(Security::SignAndEncrypt),
+        MessageSecurityMode::Invalid => None,
+    }
+}
+
+/// Its place among those with its security, the strongest first; `None` where it is not spoken.
+fn rank(endpoint: &EndpointDescription) -> Option<usize> {
+    let policy = SecurityPolicy::from_uri(endpoint.security_policy_uri.as_ref());
+    match security_of(endpoint)? {
+        Security::None => (policy == SecurityPolicy::None).then_some(0),
+        Security::Sign | Security::SignAndEncrypt => POLICIES.iter().position(|known| *known == policy),
+    }
+}
+
+fn is_binary(endpoint: &EndpointDescription) -> bool {
+    let profile = endpoint.transport_profile_uri.as_ref();
+    profile.is_empty() || profile.ends_with("/uatcp-uasc-uabinary")
 }
 
 #[cfg(test)]

@@ -120,12 +120,12 @@ fn pair(cert: &NamedFile, key: &NamedFile, wrong: &mut Vec<ProfileError>) -> Opt
     Some((parsed, secret))
 }
 
-fn certificate(bytes: &[u8]) -> Option<X509> {
+pub(super) fn certificate(bytes: &[u8]) -> Option<X509> {
     X509::from_der(bytes).or_else(|_| X509::from_pem(bytes)).ok()
 }
 
 /// The URI of the application in its certificate.
-fn application(cert: &X509) -> Option<String> {
+pub(super) fn application(cert: &X509) -> Option<String> {
     let cert = Certificate::from_der(&cert.to_der().ok()?).ok()?;
     let (_, names) = cert.tbs_certificate.get::<SubjectAltName>().ok()??;
     names.0.iter().find_map(|name| match name {

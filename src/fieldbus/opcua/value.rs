@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use ::opcua::types::{ByteString, DataValue, DateTime, Guid, NodeId, Variant};
+use ::opcua::types::{ByteString, DataValue, DateTime, Guid, NodeId, Variant, VariantScalarTypeId};
 use isotherm_core::codec::{DataType, Identifier, Node, Scalar};
 use isotherm_core::reading::{Reason, Status};
 
@@ -70,6 +70,24 @@ fn scalar(value: &Variant) -> Option<Scalar> {
     Some(Scalar { data_type, bits })
 }
 
+/// The type of a number; `None` of what is none.
+pub(super) fn number_type(kind: VariantScalarTypeId) -> Option<DataType> {
+    Some(match kind {
+        VariantScalarTypeId::Boolean => DataType::Bool,
+        VariantScalarTypeId::SByte => DataType::signed(8),
+        VariantScalarTypeId::Byte => DataType::unsigned(8),
+        VariantScalarTypeId::Int16 => DataType::I16,
+        VariantScalarTypeId::UInt16 => DataType::U16,
+        VariantScalarTypeId::Int32 => DataType::I32,
+        VariantScalarTypeId::UInt32 => DataType::U32,
+        VariantScalarTypeId::Int64 => DataType::I64,
+        VariantScalarTypeId::UInt64 => DataType::U64,
+        VariantScalarTypeId::Float => DataType::F32,
+        VariantScalarTypeId::Double => DataType::F64,
+        _ => return None,
+    })
+}
+
 /// The value in the node's own type; `None` where OPC UA has no such type.
 pub(super) fn variant(Scalar { data_type, bits }: Scalar) -> Option<Variant> {
     let [a, b, c, d, ..] = bits.to_le_bytes();
@@ -113,7 +131,9 @@ mod tests {
         ];
         for (data_type, bits) in numbers {
             let number = Scalar { data_type, bits };
-            assert_eq!(scalar(&variant(number).unwrap()), Some(number));
+            let sent = variant(number).unwrap();
+            assert_eq!(scalar(&sent), Some(number));
+            assert_eq!(sent.scalar_type_id().and_then(number_type), Some(data_type));
         }
         assert_eq!(scalar(&Variant::from("27.5")), None);
     }

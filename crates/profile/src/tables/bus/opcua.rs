@@ -6,7 +6,7 @@
 use std::fmt;
 
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::RawBus;
 use crate::document::Section;
@@ -18,7 +18,7 @@ const PORT: u16 = 4840;
 const SCHEME: &str = "opc.tcp://";
 
 /// What protects the messages.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "SecurityWord", description = "")]
 pub enum Security {
@@ -107,6 +107,18 @@ impl fmt::Debug for NamedFile {
 }
 
 impl OpcUa {
+    /// A server that nothing is secured at, spoken to as nobody: one that no profile names.
+    pub fn plain() -> OpcUa {
+        OpcUa {
+            security: Security::None,
+            user: User::Anonymous,
+            own: None,
+            trusted: Vec::new(),
+            trusted_in: None,
+            type_at: ProfileError::about("", "", None),
+        }
+    }
+
     /// The error that this is wrong with the type of the line.
     pub fn wrong_type(&self, message: &str, help: &str) -> ProfileError {
         let (message, help) = (message.to_owned(), Some(help.to_owned()));
@@ -194,17 +206,12 @@ pub(super) fn resolve(raw: &RawBus, at: &At<'_>) -> Option<OpcUa> {
             let message = "nothing is encrypted: what is sent in this user's name may be changed by whoever is on the network";
             at.key("security").warn(message, "write \"sign-and-encrypt\", if the server can do it");
         }
-        return Some(OpcUa {
-            security,
-            user: user?,
-            own: None,
-            trusted: Vec::new(),
-            trusted_in: None,
-            type_at,
-        });
+        return Some(OpcUa { user: user?, type_at, ..OpcUa::plain() });
     }
-    let cert = file(at, "cert", raw.cert.as_ref(), "name the gateway's own certificate, in DER or PEM form");
-    let key = file(at, "key", raw.key.as_ref(), "name the private key of `cert`, in PEM form");
+    let help = "name the gateway's own certificate, in DER or PEM form; `isotherm opcua certificate PROFILE` makes it";
+    let cert = file(at, "cert", raw.cert.as_ref(), help);
+    let help = "name the private key of `cert`, in PEM form; `isotherm opcua certificate PROFILE` makes both";
+    let key = file(at, "key", raw.key.as_ref(), help);
     at.key("key").secret(raw.key.as_ref());
     let trusted = trusted(at, raw.trusted.as_ref());
     let own = cert.zip(key);
@@ -243,7 +250,10 @@ fn file(at: &At<'_>, key: &str, name: Option<&String>, help: &str) -> Option<Nam
         at.missing(format!("`{key}` is missing"), help);
         return None;
     };
-    let bytes = at.file(name, help)?;
+    let bytes = match at.check.files.is_to_be_made(name) {
+        true => Vec::new(),
+        false => at.file(name, help)?,
+    };
     Some(NamedFile {
         name: name.clone(),
         bytes,
@@ -270,6 +280,7 @@ fn trusted(at: &At<'_>, directory: Option<&String>) -> Option<Vec<NamedFile>> {
         }
     }
     if found.is_empty() {
+        let help = format!("{help}; `isotherm opcua trust PROFILE` fetches one");
         at.warn(format!("there is no certificate in {directory}: no server is trusted"), help);
     }
     Some(found)

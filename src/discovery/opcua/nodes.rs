@@ -1,0 +1,146 @@
+//! The nodes of a profile as its servers have them, and what does not fit.
+
+use serde::Serialize;
+
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::explain::explain;
+use crate::fieldbus::opcua::browse::{Browser, Described, Value};
+use isotherm_core::codec::{Address, DataType, Node};
+use isotherm_profile::{Bus, BusId, Profile};
+
+/// A node of the profile, as its server has it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Inspected {
+    /// Its bus in the profile.
+    pub bus: String,
+    /// What the profile has it for: `signal bed`, `output cnc_z`.
+    pub of: String,
+    /// What the server says; `None`: nothing.
+    #[serde(flatten)]
+    pub found: Option<Described>,
+    /// What does not fit, and what to do; empty where all does.
+    pub advice: Vec<String>,
+}
+
+/// What the profile wants of a node.
+struct Wanted<'p> {
+    of: String,
+    node: &'p Node,
+    is_written: bool,
+}
+
+/// Asks each OPC UA server of a profile about its nodes. Reads only.
+pub async fn inspect(profile: &Profile) -> Vec<Inspected> {
+    let mut all = Vec::new();
+    for (place, bus) in profile.buses.iter().enumerate().filter(|(_, bus)| bus.opcua.is_some()) {
+        let wanted = wanted(profile, BusId(place));
+        match found(bus, &wanted).await {
+            Ok(found) => all.extend(wanted.iter().zip(found).map(|(wanted, found)| Inspected {
+                bus: bus.name.clone(),
+                of: wanted.of.clone(),
+                advice: advice(wanted, &found),
+                found: Some(found),
+            })),
+            Err(fault) => {
+                let (bus, of) = (bus.name.clone(), format!("bus {}", bus.name));
+                all.push(Inspected { bus, of, found: None, advice: vec![explain(fault)] });
+            }
+        }
+    }
+    all
+}
+
+async fn found(bus: &Bus, wanted: &[Wanted<'_>]) -> Result<Vec<Described>, Fault> {
+    let mut browser = Browser::open(bus).await?;
+    let ids: Vec<_> = wanted.iter().map(|wanted| wanted.node.id.clone()).collect();
+    let found = browser.describe(&ids).await;
+    browser.close().await;
+    found
+}
+
+fn wanted<'p>(profile: &'p Profile, bus: BusId) -> Vec<Wanted<'p>> {
+    let mut wanted = Vec::new();
+    let mut want = |of: String, address: &'p Address, is_written| {
+        if let Address::Node(node) = address {
+            wanted.push(Wanted { of, node, is_written });
+        }
+    };
+    for (id, device) in profile.devices_on(bus) {
+        for (_, signal) in profile.signals_of(id) {
+            want(format!("signal {}", signal.name), &signal.address, false);
+        }
+        for output in profile.outputs.iter().filter(|output| output.device == id) {
+            want(format!("output {}", output.name), &output.address, true);
+        }
+        for expected in &device.verify {
+            want(format!("verify of device {}", device.name), &expected.address, false);
+        }
+    }
+    wanted
+}
+
+fn advice(wanted: &Wanted<'_>, found: &Described) -> Vec<String> {
+    let explained = |status| explain(Fault::Status(status));
+    let Some(variable) = &found.variable else {
+        return vec![match found.status.is_good() {
+            true => "it is no variable: what holds the value hangs below it (`isotherm read PROFILE --browse NODE`)".to_owned(),
+            false => explained(found.status),
+        }];
+    };
+    let mut advice = Vec::new();
+    if let Some(wrong) = wrong_type(wanted.node.data_type, variable) {
+        advice.push(wrong);
+    }
+    if !variable.is_readable {
+        advice.push(
+            "this user may not read it: give it that right at the server, or write another `user`".to_owned(),
+        );
+    } else if !found.status.is_good() {
+        advice.push(explained(found.status));
+    }
+    if wanted.is_written && !variable.is_writable {
+        advice.push(
+            "this user may not write it: give it that right at the server, or write another `user`; is it the right node?"
+                .to_owned(),
+        );
+    }
+    advice
+}
+
+/// What is wrong with the type that the profile says.
+fn wrong_type(said: Option<DataType>, variable: &Value) -> Option<String> {
+    let Value { kind, data_type, is_array, .. } = variable;
+    match (said, data_type) {
+        _ if *is_array => Some("it holds several values: name the node of one of them".to_owned()),
+        (_, None) if kind.is_empty() => None,
+        (_, None) => Some(format!("it is a {kind}, and no number: name another node")),
+        (Some(said), Some(known)) if said != *known => Some(format!(
+            "it is a {kind}, and the profile says {}: write type = \"{}\"",
+            said.name(),
+            known.name()
+        )),
+        _ => None,
+    }
+}
+
+/// What a server says of a node, in a line: `f32 (Float), read, 20`.
+pub fn in_a_line(found: &Described) -> String {
+    let Some(Value { kind, data_type, is_array, is_readable, is_writable, value }) = &found.variable else {
+        return String::new();
+    };
+    let kind = match data_type {
+        Some(data_type) => format!("{} ({kind})", data_type.name()),
+        None if kind.is_empty() => "of its own type".to_owned(),
+        None => kind.clone(),
+    };
+    let several = if *is_array { ", several" } else { "" };
+    let may = match (is_readable, is_writable) {
+        (true, true) => "read, write",
+        (true, false) => "read",
+        (false, true) => "write",
+        (false, false) => "neither read nor write",
+    };
+    let value = value.as_ref().map_or(String::new(), |value| format!("  {value}"));
+    let status = if found.status.is_good() { String::new() } else { format!("  {}", found.status) };
+    format!("{kind}{several}  {may}{value}{status}")
+}

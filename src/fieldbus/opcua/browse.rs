@@ -1,0 +1,351 @@
+//! The nodes of a server as a person looks for them: what hangs below one, and what it says of itself. Reads only.
+//!
+//! One node is looked below at a time, and its references come in as many answers as the server wants: no server's limit on
+//! nodes, references or continuation points is met.
+
+use std::collections::HashSet;
+use std::time::Duration;
+
+use ::opcua::client::UARequest;
+use ::opcua::client::services::{Browse, BrowseNext, Read};
+use ::opcua::types::{
+    AttributeId, BrowseDescription, BrowseDirection, BrowseResult, ByteString, CloseSessionRequest,
+    DataValue, DateTime, Error, NodeId, ReadValueId, ReferenceDescription, ReferenceTypeId, RequestHeader,
+    TimestampsToReturn, Variant, VariantScalarTypeId,
+};
+use isotherm_core::codec::{self, DataType};
+use isotherm_core::reading::Status;
+use isotherm_profile::{Bus, one_line, regular};
+use serde::{Serialize, Serializer};
+
+use super::channel::Link;
+use super::session::Session;
+use super::status::call_fault;
+use super::value::{node_id, number_type};
+use super::{OPENING, OpcUaDial, fault};
+use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
+use crate::fieldbus::opcua_fault::OpcUaFault;
+
+/// Attributes that one call asks for: an answer stays far below the largest message.
+const AT_ONCE: usize = 500;
+/// Objects and variables; methods and types hold no value.
+const CLASSES: u32 = 1 | 2;
+/// All fields of a reference.
+const FIELDS: u32 = 63;
+const VARIABLE: i32 = 2;
+const SCALAR: i32 = -1;
+/// Bits of what a user may do.
+const MAY_READ: u8 = 1;
+const MAY_WRITE: u8 = 2;
+/// A longer text is cut.
+const LONGEST: usize = 60;
+/// What is asked of every node.
+const ATTRIBUTES: [AttributeId; 5] = [
+    AttributeId::NodeClass,
+    AttributeId::DisplayName,
+    AttributeId::DataType,
+    AttributeId::ValueRank,
+    AttributeId::UserAccessLevel,
+];
+
+/// A login at a server, for looking around.
+pub struct Browser {
+    link: Link,
+    session: Session,
+    timeout: Duration,
+    /// Attributes that one call may ask for.
+    most: usize,
+}
+
+/// A node, and what it says of itself.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Described {
+    /// Which, as a profile names it.
+    pub node: String,
+    /// How far below the first.
+    pub depth: usize,
+    /// What the server shows people.
+    pub name: String,
+    /// Of a variable.
+    #[serde(flatten)]
+    pub variable: Option<Value>,
+    /// Of its value, or why it says nothing.
+    #[serde(serialize_with = "in_text")]
+    pub status: Status,
+}
+
+/// What holds a value.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Value {
+    /// Its type as OPC UA calls it; empty where nobody knows.
+    pub kind: String,
+    /// The same in the word of a profile; `None` where it is no number.
+    #[serde(rename = "type", serialize_with = "in_a_word")]
+    pub data_type: Option<DataType>,
+    /// It holds several.
+    pub is_array: bool,
+    /// This user may read it.
+    pub is_readable: bool,
+    /// This user may write it.
+    pub is_writable: bool,
+    /// What it holds, in text.
+    pub value: Option<String>,
+}
+
+/// What hangs below a node, each behind what it hangs on.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Tree {
+    /// The node itself, and those below.
+    pub nodes: Vec<Described>,
+    /// There are more than were to be shown.
+    pub is_cut: bool,
+}
+
+/// A node that was found.
+struct Place {
+    id: NodeId,
+    depth: usize,
+    below: Vec<usize>,
+}
+
+fn in_text<S: Serializer>(status: &Status, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(status)
+}
+
+fn in_a_word<S: Serializer>(data_type: &Option<DataType>, serializer: S) -> Result<S::Ok, S::Error> {
+    data_type.map(DataType::name).serialize(serializer)
+}
+
+impl Browser {
+    /// Logs in as the profile says.
+    ///
+    /// # Errors
+    /// Why there is no login.
+    pub async fn open(bus: &Bus) -> Result<Browser, Fault> {
+        let opening = tokio::time::timeout(bus.timeout + OPENING, Browser::opened(bus));
+        opening.await.unwrap_or(Err(Fault::Timeout))
+    }
+
+    async fn opened(bus: &Bus) -> Result<Browser, Fault> {
+        let dial = OpcUaDial::new(bus).ok_or(Fault::Caller(CallerFault::Function))?;
+        let files = dial.files.as_ref().ok_or(fault(OpcUaFault::OurFiles))?;
+        files.own_is_valid().map_err(fault)?;
+        let (mut link, known) = dial.begin(files).await?;
+        let limits = known.session.limits(&mut link).await?;
+        let (session, timeout) = (known.session, bus.timeout.max(Duration::from_secs(1)));
+        Ok(Browser { link, session, timeout, most: limits.read.min(AT_ONCE) })
+    }
+
+    /// The nodes from this one down to `depth` below it, `most` of them. What OPC UA itself defines is named, and looked below only
+    /// where it is the first.
+    ///
+    /// # Errors
+    /// There is no such node, or the line fails.
+    pub async fn tree(&mut self, first: &codec::NodeId, depth: usize, most: usize) -> Result<Tree, Fault> {
+        let first = node_id(first).ok_or(Fault::Caller(CallerFault::Extent))?;
+        let known = self.described(std::slice::from_ref(&first)).await?;
+        let unknown = known.iter().find(|node| node.variable.is_none() && !node.status.is_good());
+        if let Some(Described { status, .. }) = unknown {
+            return Err(Fault::Status(*status));
+        }
+        let mut seen = HashSet::from([first.clone()]);
+        let mut places = vec![Place { id: first, depth: 0, below: Vec::new() }];
+        let (mut at, mut is_cut) = (0, false);
+        while let Some(Place { id, depth: so_deep, .. }) = places.get(at) {
+            let (id, so_deep, room) = (id.clone(), *so_deep, most.saturating_sub(places.len()));
+            if so_deep < depth && (at == 0 || id.namespace != 0) {
+                let (found, is_more) = match self.below(&id, room).await {
+                    Err(Fault::Status(_)) if at > 0 => (Vec::new(), false),
+                    found => found?,
+                };
+                is_cut |= is_more;
+                for id in found {
+                    if seen.insert(id.clone()) {
+                        let place = places.len();
+                        places[at].below.push(place);
+                        places.push(Place { id, depth: so_deep + 1, below: Vec::new() });
+                    }
+                }
+            }
+            at += 1;
+        }
+        let (mut order, mut left) = (Vec::with_capacity(places.len()), vec![0]);
+        while let Some(place) = left.pop() {
+            order.push(&places[place]);
+            left.extend(places[place].below.iter().rev());
+        }
+        let ids: Vec<NodeId> = order.iter().map(|place| place.id.clone()).collect();
+        let depths = order.iter().map(|place| place.depth);
+        let nodes = self.described(&ids).await?.into_iter().zip(depths);
+        Ok(Tree { nodes: nodes.map(|(node, depth)| Described { depth, ..node }).collect(), is_cut })
+    }
+
+    /// What each of these nodes says of itself.
+    ///
+    /// # Errors
+    /// The line fails.
+    pub async fn describe(&mut self, nodes: &[codec::NodeId]) -> Result<Vec<Described>, Fault> {
+        let ids: Option<Vec<NodeId>> = nodes.iter().map(node_id).collect();
+        self.described(&ids.ok_or(Fault::Caller(CallerFault::Extent))?).await
+    }
+
+    /// Gives its place at the server back.
+    pub async fn close(mut self) {
+        let channel = self.link.channel.clone();
+        let request_header =
+            RequestHeader::new(&self.session.token(), &DateTime::now(), channel.request_handle());
+        let request = CloseSessionRequest { request_header, delete_subscriptions: true };
+        let _ = self.link.ask(channel.send(request, self.timeout)).await;
+    }
+
+    /// So many of the nodes that hang on this one, and whether there are more.
+    async fn below(&mut self, id: &NodeId, room: usize) -> Result<(Vec<NodeId>, bool), Fault> {
+        let browse = BrowseDescription {
+            node_id: id.clone(),
+            browse_direction: BrowseDirection::Forward,
+            reference_type_id: ReferenceTypeId::HierarchicalReferences.into(),
+            include_subtypes: true,
+            node_class_mask: CLASSES,
+            result_mask: FIELDS,
+        };
+        let (channel, token) = (self.link.channel.clone(), self.session.token());
+        // With no room left one shows that there are more.
+        let wanted = u32::try_from(room.max(1)).unwrap_or(u32::MAX);
+        let request = Browse::new_manual(0, self.timeout, token.clone(), channel.request_handle())
+            .max_references_per_node(wanted)
+            .browse_node(browse);
+        let answer = self.link.ask(request.send(&channel)).await.map_err(|error| call_fault(&error))?;
+        let mut result = only(answer.results)?;
+        let mut found = Vec::new();
+        loop {
+            found.extend(result.references.into_iter().flatten().filter_map(of_this_server));
+            let point = result.continuation_point;
+            let is_over = point.is_null_or_empty();
+            if found.len() > room || (found.len() == room && !is_over) {
+                self.release(point).await?;
+                found.truncate(room);
+                return Ok((found, true));
+            }
+            if is_over {
+                return Ok((found, false));
+            }
+            let request = BrowseNext::new_manual(0, self.timeout, token.clone(), channel.request_handle())
+                .continuation_point(point);
+            let answer = self.link.ask(request.send(&channel)).await.map_err(|error| call_fault(&error))?;
+            result = only(answer.results)?;
+        }
+    }
+
+    /// The server need not keep any more where it has got to.
+    async fn release(&mut self, point: ByteString) -> Result<(), Fault> {
+        if point.is_null_or_empty() {
+            return Ok(());
+        }
+        let channel = self.link.channel.clone();
+        let request = BrowseNext::new_manual(0, self.timeout, self.session.token(), channel.request_handle())
+            .continuation_point(point)
+            .release_continuation_points(true);
+        let released = self.link.ask(request.send(&channel)).await;
+        released.map(|_| ()).map_err(|error: Error| call_fault(&error))
+    }
+
+    async fn described(&mut self, ids: &[NodeId]) -> Result<Vec<Described>, Fault> {
+        let asked = ids.iter().flat_map(|id| ATTRIBUTES.map(|attribute| attribute_of(id, attribute)));
+        let found = self.read(asked.collect()).await?;
+        let mut nodes: Vec<Described> =
+            ids.iter().zip(found.chunks(ATTRIBUTES.len())).map(|(id, found)| described(id, found)).collect();
+        let has_value = |node: &Described| {
+            node.variable.as_ref().is_some_and(|variable| variable.is_readable && !variable.is_array)
+        };
+        let asked = ids.iter().zip(&nodes).filter(|(_, node)| has_value(node));
+        let asked = asked.map(|(id, _)| attribute_of(id, AttributeId::Value));
+        let values = self.read(asked.collect()).await?;
+        for (node, value) in nodes.iter_mut().filter(|node| has_value(node)).zip(values) {
+            hold(node, value);
+        }
+        Ok(nodes)
+    }
+
+    async fn read(&mut self, mut asked: Vec<ReadValueId>) -> Result<Vec<DataValue>, Fault> {
+        let mut found = Vec::with_capacity(asked.len());
+        while !asked.is_empty() {
+            let rest = asked.split_off(asked.len().min(self.most));
+            let now = std::mem::replace(&mut asked, rest);
+            let count = found.len() + now.len();
+            let channel = self.link.channel.clone();
+            let read = Read::new_manual(0, self.timeout, self.session.token(), channel.request_handle())
+                .timestamps_to_return(TimestampsToReturn::Neither)
+                .max_age(0.0)
+                .nodes_to_read(now);
+            let answer = self.link.ask(read.send(&channel)).await.map_err(|error| call_fault(&error))?;
+            found.extend(answer.results.unwrap_or_default());
+            if found.len() != count {
+                return Err(Fault::Peer(PeerFault::Length));
+            }
+        }
+        Ok(found)
+    }
+}
+
+fn only(results: Option<Vec<BrowseResult>>) -> Result<BrowseResult, Fault> {
+    let result = results.unwrap_or_default().pop().ok_or(Fault::Peer(PeerFault::Length))?;
+    match result.status_code {
+        status if status.is_bad() => Err(Fault::Status(Status(status.bits()))),
+        _ => Ok(result),
+    }
+}
+
+fn of_this_server(reference: ReferenceDescription) -> Option<NodeId> {
+    let id = reference.node_id;
+    (id.server_index == 0 && id.namespace_uri.is_null()).then_some(id.node_id)
+}
+
+fn attribute_of(id: &NodeId, attribute: AttributeId) -> ReadValueId {
+    ReadValueId { node_id: id.clone(), attribute_id: attribute as u32, ..Default::default() }
+}
+
+/// A node by its [`ATTRIBUTES`]; its value is asked for later.
+fn described(id: &NodeId, found: &[DataValue]) -> Described {
+    let value = |place: usize| found.get(place).and_then(|found| found.value.as_ref());
+    let number = |place: usize| match value(place) {
+        Some(Variant::Int32(number)) => Some(*number),
+        Some(Variant::Byte(number)) => Some(i32::from(*number)),
+        _ => None,
+    };
+    let status = found.first().and_then(|found| found.status).unwrap_or_default();
+    let rights = number(4).and_then(|rights| u8::try_from(rights).ok());
+    let kind = match value(2) {
+        Some(Variant::NodeId(id)) => VariantScalarTypeId::try_from(id.as_ref()).ok(),
+        _ => None,
+    };
+    let variable = (number(0) == Some(VARIABLE)).then(|| Value {
+        kind: kind.map_or(String::new(), |kind| format!("{kind:?}")),
+        data_type: kind.and_then(number_type),
+        is_array: number(3).is_some_and(|rank| rank > SCALAR),
+        // A server that does not say is asked for the value.
+        is_readable: rights.is_none_or(|rights| rights & MAY_READ != 0),
+        is_writable: rights.is_some_and(|rights| rights & MAY_WRITE != 0),
+        value: None,
+    });
+    let name = match value(1) {
+        Some(Variant::LocalizedText(name)) => text(name.text.as_ref()),
+        _ => String::new(),
+    };
+    Described { node: id.to_string(), depth: 0, name, variable, status: Status(status.bits()) }
+}
+
+/// What a node holds, which tells its type better than a name that may be derived from another.
+fn hold(node: &mut Described, value: DataValue) {
+    node.status = Status(value.status.unwrap_or_default().bits());
+    let (Some(variable), Some(value)) = (&mut node.variable, value.value) else { return };
+    if let Some(kind) = value.scalar_type_id() {
+        variable.kind = format!("{kind:?}");
+        variable.data_type = number_type(kind);
+    }
+    variable.is_array |= value.is_array();
+    variable.value = (!value.is_array() && !value.is_empty()).then(|| text(&value.to_string()));
+}
+
+fn text(text: &str) -> String {
+    regular::cut(&one_line(text), LONGEST).into_owned()
+}
