@@ -27,6 +27,8 @@ mod arming;
 pub mod backup;
 mod board;
 mod can;
+#[cfg(feature = "opcua")]
+pub mod certificates;
 mod commissioning;
 mod contact;
 pub mod control;
@@ -258,6 +260,10 @@ impl Gateway {
         let machine = self.shared.profile.name.clone();
         self.shared.report(&Event::Started { machine, bus_requests: requests });
         self.tell_of_templates();
+        #[cfg(feature = "opcua")]
+        if certificates::has_some(&self.shared.profile) {
+            tasks.spawn(certificates::watch(self.shared.clone(), self.shared.clock.join()));
+        }
         let _watch = self.options.has_threads.then(|| self.watch(&stop));
         let (mut shutdown, on_stop) = (pin!(shutdown), self.shared.profile.on_stop);
         let asked = tokio::select! {

@@ -16,6 +16,8 @@ use isotherm_profile::one_line;
 use isotherm_profile::regular::cut;
 
 mod alarms;
+#[cfg(feature = "opcua")]
+mod certificate;
 mod data;
 pub mod file;
 mod handshake;
@@ -25,6 +27,8 @@ mod sentences;
 mod stand_in;
 
 pub use alarms::{Alarm, Seen};
+#[cfg(feature = "opcua")]
+pub use certificate::{Expiry, Whose};
 pub use handshake::HandshakeFault;
 pub use journal::{Entry, Journal};
 pub use page::{PagePort, PageToken};
@@ -274,6 +278,9 @@ pub enum Event {
     Page(PagePort),
     /// A token of the page is another one, or none.
     Token(PageToken),
+    /// A certificate of an OPC UA line expires soon, or has.
+    #[cfg(feature = "opcua")]
+    Certificate(Expiry),
 }
 
 /// How much an event matters.

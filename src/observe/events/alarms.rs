@@ -129,6 +129,8 @@ impl Event {
             Event::TaskFailed { task, .. } => raises("task", task),
             Event::Page(PagePort::Closed { listen, .. }) => raises("page at", listen),
             Event::Page(PagePort::Open { listen }) => ends(&[("page at", listen)]),
+            #[cfg(feature = "opcua")]
+            Event::Certificate(expiry) => raises("certificate", &expiry.name()),
             _ => (None, Vec::new()),
         }
     }

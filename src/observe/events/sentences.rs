@@ -311,6 +311,8 @@ impl Event {
             Event::StandIn(found) => found.described(),
             Event::Page(port) => port.described(),
             Event::Token(token) => token.described(),
+            #[cfg(feature = "opcua")]
+            Event::Certificate(expiry) => expiry.described(),
         }
     }
 }

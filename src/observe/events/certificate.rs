@@ -1,0 +1,75 @@
+//! What becomes of the certificates of an OPC UA line.
+
+use isotherm_core::quantity::Moment;
+use serde::Serialize;
+
+use super::data::in_text;
+use super::{Described, error, warning};
+
+/// A certificate that is soon of no use, or is already.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Expiry {
+    /// The line.
+    pub bus: String,
+    /// The file, as the profile names it.
+    pub file: String,
+    /// Whose it is.
+    pub whose: Whose,
+    /// Until when it is valid.
+    #[serde(serialize_with = "in_text")]
+    pub until: Moment,
+    /// That is over.
+    pub is_over: bool,
+}
+
+/// Whom a certificate names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Whose {
+    /// The gateway.
+    Gateway,
+    /// Its user at the server.
+    User,
+    /// The server.
+    Server,
+}
+
+impl Expiry {
+    /// What is wrong, and what to do.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        let Expiry { bus, file, whose, until, is_over } = self;
+        let until = until.to_string();
+        let (day, time) = until.split_once('T').unwrap_or((&until, ""));
+        let time: String = time.chars().take(5).collect();
+        let expires = if *is_over { "expired" } else { "expires" };
+        let (owner, remedy) = match whose {
+            Whose::Gateway => (
+                "gateway",
+                "move it and its key away, make both anew (`isotherm opcua certificate PROFILE`), and trust it at the server",
+            ),
+            Whose::User => ("user", "make a new one, and give it this user's rights at the server"),
+            Whose::Server => (
+                "server",
+                "renew it at the server, then `isotherm opcua trust PROFILE`; where the server has another one already, take \
+                 this one away",
+            ),
+        };
+        format!(
+            "bus {bus}: the {owner}'s certificate {file} {expires} on {day} at {time} UTC: {remedy}; a gateway that runs takes it \
+             up by `isotherm restart PROFILE --keep`"
+        )
+    }
+
+    pub(super) fn described(&self) -> Described {
+        match self.is_over {
+            true => error("certificate-expired", self.sentence()),
+            false => warning("certificate-expires", self.sentence()),
+        }
+    }
+
+    /// By this it is acknowledged.
+    pub(super) fn name(&self) -> String {
+        format!("{} of bus {}", self.file, self.bus)
+    }
+}
