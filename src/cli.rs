@@ -8,7 +8,7 @@ use clap::{Args, CommandFactory, Parser, Subcommand};
 use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
 
 use isotherm_profile::regular::without_numbers;
-use isotherm_profile::{Axis, Loaded, Profile, one_line};
+use isotherm_profile::{Axis, Errors, Loaded, Profile, one_line};
 
 use crate::cli::say::{Out, say, say_beside};
 use crate::fieldbus::{opcua_check, tls};
@@ -34,6 +34,8 @@ mod logs;
 mod machines;
 mod man;
 mod measured;
+#[cfg(feature = "opcua")]
+mod opcua;
 #[cfg(feature = "place")]
 mod place;
 mod port;
@@ -147,6 +149,10 @@ enum Verb {
     Events(events::Arguments),
     /// What the running gateway does: the content of its page
     Status(status::Arguments),
+    /// The certificates of an OPC UA line: made, shown, trusted
+    #[cfg(feature = "opcua")]
+    #[command(name = "opcua")]
+    OpcUa(opcua::Arguments),
     /// A token for the page: who has it may look, or command
     Token(token::Arguments),
     /// The JSON Schema of the profile, for editors
@@ -231,6 +237,8 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Measured(arguments) => measured::run(&arguments),
         Verb::Events(arguments) => events::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),
+        #[cfg(feature = "opcua")]
+        Verb::OpcUa(arguments) => opcua::run(&arguments),
         Verb::Token(arguments) => token::run(&arguments),
         Verb::Schema => print_json(isotherm_profile::schema()),
         Verb::Completions { shell } => {
@@ -353,10 +361,18 @@ fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Re
     };
     let loaded = loaded.and_then(|loaded| tls::check(&loaded.profile).map(|()| loaded));
     let loaded = loaded.and_then(|loaded| opcua_check::check(&loaded.profile).map(|()| loaded));
-    loaded.or_else(|mut errors| {
+    let loaded = loaded.map_err(|mut errors| {
         if let (Some(meant), [error]) = (machines::meant(path), errors.0.as_mut_slice()) {
             error.help = Some(format!("did you mean the shipped machine `{meant}`?"));
         }
+        errors
+    });
+    reported(loaded, json)
+}
+
+/// What is loaded; where it is wrong, everything about that is printed.
+fn reported(loaded: Result<Loaded, Errors>, json: bool) -> anyhow::Result<Loaded> {
+    loaded.or_else(|errors| {
         if json {
             print_json(&errors)?;
         } else {

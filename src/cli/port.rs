@@ -121,7 +121,8 @@ fn to_open(address: SocketAddr, hostname: &str) -> String {
     }
 }
 
-fn hostname() -> String {
+/// The name of this computer.
+pub(super) fn hostname() -> String {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let name = name.trim();
     if name.is_empty() { "localhost".to_owned() } else { name.to_owned() }

@@ -1,8 +1,7 @@
 //! `isotherm sign`: a guided check with a dial gauge, whether an axis moves the way it must.
 
-use std::io::BufRead;
-
 use super::command::RunningGateway;
+use super::values::typed;
 use super::{ProfileArguments, load, print_json};
 use crate::cli::say::{say, say_beside};
 use crate::gateway::control;
@@ -40,7 +39,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             "Put a dial gauge between tool and work, along {named}, and set it to zero (or look at the readout). Nobody is to \
              be at the machine's movements. Enter moves the offset by +5 µm, Ctrl-C ends it."
         );
-        line()?;
+        typed()?;
     }
     let (must, _while_it_is_there) = control::sign(&socket, axis, |said| say_beside!("{said}"))?;
     say_beside!("{must}");
@@ -61,13 +60,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A line from stdin; `None` at its end.
-fn line() -> anyhow::Result<Option<String>> {
-    let mut text = String::new();
-    let read = std::io::stdin().lock().read_line(&mut text)?;
-    Ok((read > 0).then_some(text))
-}
-
 fn moved(word: &str) -> Option<Moved> {
     Moved::ALL.into_iter().find(|(name, _)| *name == word).map(|(_, moved)| moved)
 }
@@ -76,7 +68,7 @@ fn moved(word: &str) -> Option<Moved> {
 fn ask() -> anyhow::Result<Option<Moved>> {
     loop {
         say_beside!("Which way did it move? plus, minus or none (Ctrl-C takes it back):");
-        let Some(text) = line()? else { return Ok(None) };
+        let Some(text) = typed()? else { return Ok(None) };
         if let Some(moved) = moved(text.trim()) {
             return Ok(Some(moved));
         }

@@ -1,6 +1,14 @@
-//! Values of arguments, and what is said of those that are none.
+//! Values of arguments and answers, and what is said of those that are none.
 
+use std::io::BufRead;
 use std::time::Duration;
+
+/// What a person answers: a line from stdin; `None` at its end.
+pub(super) fn typed() -> std::io::Result<Option<String>> {
+    let mut text = String::new();
+    let read = std::io::stdin().lock().read_line(&mut text)?;
+    Ok((read > 0).then_some(text))
+}
 
 /// A key and its value, without the blanks around them.
 pub(super) fn key_and_value(text: &str) -> Result<(String, String), String> {

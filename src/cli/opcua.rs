@@ -1,0 +1,133 @@
+//! `isotherm opcua`: the certificates of an OPC UA line, made, shown and trusted.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use super::{ProfileArguments, reported};
+use crate::clock::Clock;
+use crate::discovery::opcua::Certificate;
+use isotherm_profile::{Bus, NamedFile, OpcUa, Profile};
+
+mod own;
+mod trust;
+
+/// The certificates of an OPC UA line: the gateway's own is made and shown, the server's is looked at and trusted.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  isotherm opcua certificate my-machine.toml     makes it where there is none, and shows it\n  \
+                  isotherm opcua trust my-machine.toml           shows the server's, asks, and puts it among those that are trusted"
+)]
+pub(super) struct Arguments {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum What {
+    /// The gateway's own certificate: made with its key where there is none, and shown
+    Certificate(own::Arguments),
+    /// The server's certificate: shown, and trusted when you say so
+    Trust(trust::Arguments),
+}
+
+/// Which line is meant.
+#[derive(clap::Args, Debug)]
+struct LineArguments {
+    #[command(flatten)]
+    profile: ProfileArguments,
+    /// The bus; needed where several are OPC UA
+    #[arg(long, value_name = "BUS")]
+    bus: Option<String>,
+    /// One JSON document
+    #[arg(long)]
+    json: bool,
+}
+
+/// A line that is secured, and the files that its profile names for it.
+struct SecuredLine {
+    bus: Bus,
+    machine: String,
+    cert: NamedFile,
+    key: NamedFile,
+    trusted: PathBuf,
+    beside: PathBuf,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    match &arguments.what {
+        What::Certificate(arguments) => own::run(arguments),
+        What::Trust(arguments) => trust::run(arguments),
+    }
+}
+
+impl LineArguments {
+    /// The line, whose certificates may not be there yet.
+    fn find(&self) -> anyhow::Result<SecuredLine> {
+        let ProfileArguments { path, set } = &self.profile;
+        let loaded = isotherm_profile::load_before_certificates(path, set, &isotherm_profile::environment());
+        let profile = reported(loaded, self.json)?.profile;
+        let (bus, line) = self.line(&profile)?;
+        let (Some((cert, key)), Some(trusted)) = (&line.own, &line.trusted_in) else {
+            anyhow::bail!(
+                "bus {} is not secured, and shows no certificate: write security = \"sign-and-encrypt\", `cert`, `key` and \
+                 `trusted`, where the server can do it (`isotherm scan --bus {}` tells)",
+                bus.name,
+                bus.address
+            );
+        };
+        let beside = path.parent().unwrap_or(Path::new("")).to_owned();
+        Ok(SecuredLine {
+            bus: bus.clone(),
+            machine: profile.name.clone(),
+            cert: cert.clone(),
+            key: key.clone(),
+            trusted: beside.join(trusted),
+            beside,
+        })
+    }
+
+    fn line<'p>(&self, profile: &'p Profile) -> anyhow::Result<(&'p Bus, &'p OpcUa)> {
+        let lines = profile.buses.iter().filter_map(|bus| Some((bus, bus.opcua.as_ref()?)));
+        let lines: Vec<(&Bus, &OpcUa)> = lines.collect();
+        let names: Vec<&str> = lines.iter().map(|(bus, _)| bus.name.as_str()).collect();
+        match (&self.bus, lines.as_slice()) {
+            (_, []) => anyhow::bail!("the profile has no bus of type \"opcua\""),
+            (None, [one]) => Ok(*one),
+            (None, _) => anyhow::bail!("--bus is missing; OPC UA are: {}", names.join(", ")),
+            (Some(name), _) => match names.iter().position(|known| known == name) {
+                Some(place) => Ok(lines[place]),
+                None => {
+                    anyhow::bail!("`{name}` is no bus of type \"opcua\"; those are: {}", names.join(", "))
+                }
+            },
+        }
+    }
+}
+
+/// What a certificate says, a line for each.
+pub(super) fn shown(certificate: &Certificate) -> String {
+    let Certificate { subject, application, thumbprint, sha256, .. } = certificate;
+    let mut text = format!("  subject      {subject}\n");
+    if let Some(application) = application {
+        let _ = writeln!(text, "  application  {application}");
+    }
+    let _ = writeln!(text, "  thumbprint   {thumbprint} (SHA-1)");
+    let _ = writeln!(text, "  or           {sha256} (SHA-256)");
+    let _ = writeln!(text, "  valid        {}", validity(certificate));
+    text
+}
+
+/// From when to when, and how long that is from now.
+fn validity(certificate: &Certificate) -> String {
+    const DAY: Duration = Duration::from_hours(24);
+    let day =
+        |moment: isotherm_core::quantity::Moment| moment.to_string().chars().take(10).collect::<String>();
+    let (from, to, now) = (certificate.from, certificate.to, Clock::wall().time_of_day());
+    let how = match now {
+        _ if now < from => "not valid yet, or this computer's clock is wrong".to_owned(),
+        _ if now > to => "it has expired, or this computer's clock is wrong".to_owned(),
+        _ => format!("{} days left", to.since(now).as_secs() / DAY.as_secs()),
+    };
+    format!("{} to {}: {how}", day(from), day(to))
+}

@@ -1,0 +1,93 @@
+//! `isotherm opcua certificate`: the gateway's own certificate.
+
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::Context;
+
+use super::{LineArguments, SecuredLine, shown};
+use crate::cli::backup::write_new;
+use crate::cli::port::hostname;
+use crate::cli::print_json;
+use crate::cli::say::{say, say_all};
+use crate::clock::Clock;
+use crate::discovery::opcua::{Certificate, Made, make};
+use crate::fieldbus::explain;
+
+const YEAR: Duration = Duration::from_hours(365 * 24);
+const OF_A_KEY: u32 = 0o600;
+const OF_A_CERTIFICATE: u32 = 0o644;
+
+/// Shows the gateway's own certificate of an OPC UA line: for whom it is, its thumbprint, how long it is valid.
+///
+/// Where neither it nor its key is there, both are made in the files that the profile names: RSA of 2048 bits, signed by itself,
+/// with the URI of the application in it. What is there is never written over.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  isotherm opcua certificate my-machine.toml\n  isotherm opcua certificate my-machine.toml --bus nck --years 5"
+)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    line: LineArguments,
+    /// How long one that is made is valid
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=30))]
+    years: u32,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let line = arguments.line.find()?;
+    let (cert, key) = (line.beside.join(&line.cert.name), line.beside.join(&line.key.name));
+    let (shown_cert, shown_key) = (cert.display(), key.display());
+    let made = match (cert.exists(), key.exists()) {
+        (true, true) => None,
+        (false, false) => Some(made(&line, &cert, &key, arguments.years)?),
+        (true, false) => anyhow::bail!(
+            "{shown_cert} is there, and its key {shown_key} is not: put the key there, or move the certificate away and \
+             have both made anew"
+        ),
+        (false, true) => anyhow::bail!(
+            "the key {shown_key} is there, and its certificate {shown_cert} is not: put the certificate there, or move the \
+             key away and have both made anew"
+        ),
+    };
+    let (is_new, bytes) = (made.is_some(), made.unwrap_or(line.cert.bytes));
+    let certificate = Certificate::read(&bytes)
+        .with_context(|| format!("{shown_cert} is no certificate in DER or PEM form"))?;
+    if arguments.line.json {
+        return print_json(&serde_json::json!({
+            "bus": line.bus.name, "made": is_new, "cert": cert, "key": key, "certificate": certificate,
+        }));
+    }
+    match is_new {
+        true => say!("made for bus {}: {shown_cert}, and its key {shown_key}", line.bus.name)?,
+        false => say!("bus {} shows {shown_cert}", line.bus.name)?,
+    }
+    say_all!("{}", shown(&certificate))?;
+    let url = &line.bus.address;
+    say!("The server at {url} has to trust it: put {shown_cert} among those it trusts; its manual says how")?;
+    Ok(())
+}
+
+/// Makes both; the bytes of the certificate.
+fn made(line: &SecuredLine, cert: &Path, key: &Path, years: u32) -> anyhow::Result<Vec<u8>> {
+    let host: String =
+        hostname().chars().filter(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '.')).collect();
+    let (subject, application) =
+        (format!("isotherm {}", line.machine), format!("urn:{host}:isotherm:{}", line.machine));
+    let now = Clock::wall().time_of_day();
+    let Made { cert: bytes, key: secret } =
+        make(&subject, &application, &host, now, YEAR * years).map_err(anyhow::Error::msg)?;
+    put(key, secret.as_bytes(), OF_A_KEY)?;
+    put(cert, &bytes, OF_A_CERTIFICATE).inspect_err(|_| {
+        // One without the other would keep the next try from making both.
+        let _ = std::fs::remove_file(key);
+    })?;
+    Ok(bytes)
+}
+
+/// Puts a new file there.
+pub(super) fn put(path: &Path, bytes: &[u8], mode: u32) -> anyhow::Result<()> {
+    let directory = path.parent().filter(|directory| !directory.as_os_str().is_empty());
+    let done = directory.map_or(Ok(()), std::fs::create_dir_all).and_then(|()| write_new(path, bytes, mode));
+    done.map_err(|error| anyhow::anyhow!("{} cannot be written: {}", path.display(), explain::system(&error)))
+}

@@ -1,0 +1,118 @@
+//! `isotherm opcua trust`: the server's certificate, put among those that are trusted.
+
+use std::path::PathBuf;
+
+use super::own::put;
+use super::{LineArguments, SecuredLine, shown};
+use crate::cli::say::{say, say_all, say_beside};
+use crate::cli::values::typed;
+use crate::cli::{print_json, runtime};
+use crate::discovery::opcua::{Certificate, Offer, offers};
+
+const OF_A_CERTIFICATE: u32 = 0o644;
+/// What is typed by whoever has compared.
+const YES: &str = "yes";
+
+/// Asks the server of an OPC UA line for its certificate, shows it, and puts it among those that are trusted once you have
+/// compared its thumbprint with the one that the server itself shows: what comes over the network may be somebody else's.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  isotherm opcua trust my-machine.toml\n  isotherm opcua trust my-machine.toml --thumbprint \
+                  5F:3A:0C:96:1D:27:EB:44:80:B2:6E:19:55:F0:7C:A3:38:D1:02:9E"
+)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    line: LineArguments,
+    /// The thumbprint that the server itself shows, SHA-1 or SHA-256: nothing is asked then, and no other certificate taken
+    #[arg(long, value_name = "HEX")]
+    thumbprint: Option<String>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let line = arguments.line.find()?;
+    let asked = offers(&line.bus.address, line.bus.timeout);
+    let offers = runtime()?.block_on(asked).map_err(anyhow::Error::msg)?;
+    let certificate = of_the_server(&line, &offers)?;
+    if !arguments.line.json {
+        say!("The server at {} shows", line.bus.address)?;
+        say_all!("{}", shown(certificate))?;
+    }
+    let file = match trusted_already(&line, certificate) {
+        Some(file) => (file, false),
+        None => {
+            agreed(arguments.thumbprint.as_deref(), certificate)?;
+            let file = line.trusted.join(file_name(&line, certificate));
+            put(&file, &certificate.der, OF_A_CERTIFICATE)?;
+            (file, true)
+        }
+    };
+    let (file, is_new) = file;
+    if arguments.line.json {
+        return print_json(&serde_json::json!({
+            "bus": line.bus.name, "trusted": is_new, "file": file, "certificate": certificate,
+        }));
+    }
+    match is_new {
+        true => say!(
+            "trusted: {}. A gateway that runs takes it up by `isotherm restart PROFILE --keep`",
+            file.display()
+        )?,
+        false => say!("trusted already: {}", file.display())?,
+    }
+    Ok(())
+}
+
+/// The certificate of the endpoint that the profile wants, or of another one where that is not offered.
+fn of_the_server<'o>(line: &SecuredLine, offers: &'o [Offer]) -> anyhow::Result<&'o Certificate> {
+    let wanted = line.bus.opcua.as_ref().map(|opcua| opcua.security);
+    let shown = |offer: &&Offer| offer.certificate.is_some();
+    let found = offers.iter().filter(shown).find(|offer| offer.security == wanted);
+    let found = found.or_else(|| offers.iter().find(shown)).and_then(|offer| offer.certificate.as_ref());
+    found.ok_or_else(|| {
+        anyhow::anyhow!(
+            "the server at {} shows no certificate: switch security on there, Basic256Sha256 or better",
+            line.bus.address
+        )
+    })
+}
+
+/// The file of this certificate among those that are trusted.
+fn trusted_already(line: &SecuredLine, certificate: &Certificate) -> Option<PathBuf> {
+    let known = line.bus.opcua.iter().flat_map(|opcua| &opcua.trusted);
+    let mut known = known.filter_map(|file| Some((file, Certificate::read(&file.bytes)?)));
+    known.find(|(_, known)| known.der == certificate.der).map(|(file, _)| line.beside.join(&file.name))
+}
+
+/// Somebody has compared.
+fn agreed(thumbprint: Option<&str>, certificate: &Certificate) -> anyhow::Result<()> {
+    if let Some(thumbprint) = thumbprint {
+        let is_it = certificate.has_thumbprint(thumbprint).map_err(anyhow::Error::msg)?;
+        anyhow::ensure!(
+            is_it,
+            "the server shows another certificate ({}): nothing is trusted. Is it the right server, has it a new certificate, is \
+             somebody between?",
+            certificate.thumbprint
+        );
+        return Ok(());
+    }
+    say_beside!(
+        "Compare the thumbprint with the one that the server itself shows. Is it the same? {YES} trusts it, anything else \
+         does not:"
+    );
+    let said = typed()?;
+    anyhow::ensure!(
+        said.as_deref().map(str::trim) == Some(YES),
+        "nothing is trusted; in scripts --thumbprint names the one that is expected"
+    );
+    Ok(())
+}
+
+/// `192.168.214.241-5F3A0C96.der`: which server, and which of its certificates.
+fn file_name(line: &SecuredLine, certificate: &Certificate) -> String {
+    let url = &line.bus.address;
+    let host =
+        url.split("://").last().and_then(|rest| rest.rsplit_once(':')).map_or("server", |(host, _)| host);
+    let host: String = host.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+    let digits: String = certificate.thumbprint.chars().filter(|c| *c != ':').take(8).collect();
+    format!("{host}-{digits}.der")
+}
