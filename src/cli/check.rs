@@ -4,7 +4,11 @@ use super::certificate::Certificate;
 use super::run::known_directory;
 use super::{ProfileArguments, gauge, load_quietly, print_json, warned};
 use crate::cli::say::{say, say_all, say_beside};
+#[cfg(feature = "opcua")]
+use crate::discovery::opcua;
 use crate::discovery::{can, pipeline};
+#[cfg(feature = "opcua")]
+use crate::gateway::certificates;
 use crate::gateway::{control, templates};
 use crate::observe::http::Admission;
 use isotherm_profile::Profile;
@@ -54,11 +58,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let lines = can::inspect(&profile);
     let pairs = super::runtime()?.block_on(pipeline::tried(&profile));
+    #[cfg(feature = "opcua")]
+    let nodes = super::runtime()?.block_on(opcua::inspect(&profile));
     let status = gauge::once(profile)?;
     if arguments.json {
-        print_json(
-            &serde_json::json!({ "profile": preview, "online": status, "can": lines, "pipeline": pairs }),
-        )?;
+        let document =
+            serde_json::json!({ "profile": preview, "online": status, "can": lines, "pipeline": pairs });
+        #[cfg(feature = "opcua")]
+        let document = with(document, "nodes", &nodes)?;
+        print_json(&document)?;
     } else {
         say_all!("{preview}")?;
         say!("\nOnline")?;
@@ -72,12 +80,57 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             });
             say!("  device {device}: two questions at a time: {came}")?;
         }
+        #[cfg(feature = "opcua")]
+        nodes.iter().try_for_each(tell)?;
         say_all!("{}{}", gauge::signals(&status), gauge::fieldbus(&status))?;
     }
+    #[cfg(feature = "opcua")]
+    judge(&nodes)?;
     gauge::judge(&status)?;
     let unfit = pairs.iter().find(|tried| tried.fault.is_some());
     let unfit = unfit.map(|tried| format!("device {} does not bear two questions at a time", tried.device));
     unfit.map_or(Ok(()), |unfit| Err(anyhow::anyhow!("{unfit}: remove `pipeline` from its bus")))
+}
+
+#[cfg(feature = "opcua")]
+fn expiring(profile: &Profile) -> impl Iterator<Item = String> {
+    let now = crate::clock::Clock::wall().time_of_day();
+    certificates::expiring(profile, now).into_iter().map(|expiry| expiry.sentence())
+}
+
+/// The document with one more part.
+#[cfg(feature = "opcua")]
+fn with(
+    mut document: serde_json::Value,
+    name: &str,
+    part: &impl serde::Serialize,
+) -> serde_json::Result<serde_json::Value> {
+    document[name] = serde_json::to_value(part)?;
+    Ok(document)
+}
+
+#[cfg(feature = "opcua")]
+fn tell(node: &opcua::Inspected) -> std::io::Result<()> {
+    match &node.found {
+        Some(found) => {
+            say!("{}", format!("  {} at {}: {}", node.of, found.node, opcua::in_a_line(found)).trim_end())?
+        }
+        None => say!("  {}:", node.of)?,
+    }
+    node.advice.iter().try_for_each(|advice| say!("    warning: {advice}"))
+}
+
+/// What does not fit is a failure of the verb.
+#[cfg(feature = "opcua")]
+fn judge(nodes: &[opcua::Inspected]) -> anyhow::Result<()> {
+    let mut unfit = nodes.iter().filter_map(|node| Some((node, node.advice.first()?)));
+    let Some((node, advice)) = unfit.next() else { return Ok(()) };
+    let at = node.found.as_ref().map_or(String::new(), |found| format!(" at {}", found.node));
+    let more = match unfit.count() {
+        0 => String::new(),
+        more => format!(" (and {more} more that do not fit)"),
+    };
+    anyhow::bail!("{}{at}: {advice}{more}", node.of)
 }
 
 /// What keeps this profile from being run on this computer as it is.
@@ -94,5 +147,8 @@ fn unlike_run(profile: &Profile) -> Vec<String> {
     let files = profile.web.as_ref().and_then(|web| web.tls.as_ref());
     let certificate = files.and_then(|files| Certificate::open(files).err());
     let certificate = certificate.map(|why| format!("{why:#}: the gateway does not start without it"));
-    tokens.into_iter().chain(certificate).chain(socket).chain(changed).collect()
+    let all = tokens.into_iter().chain(certificate).chain(socket).chain(changed);
+    #[cfg(feature = "opcua")]
+    let all = all.chain(expiring(profile));
+    all.collect()
 }

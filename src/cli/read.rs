@@ -7,6 +7,8 @@ use super::{gauge, print_json};
 use crate::cli::say::{clear, say_all};
 use crate::observe::status::Status;
 
+#[cfg(feature = "opcua")]
+mod nodes;
 mod register;
 
 /// One reading of every signal with its quality; with --register, of one register without a signal. Reads only.
@@ -22,6 +24,9 @@ pub(super) struct Arguments {
     target: Target,
     #[command(flatten)]
     one: register::One,
+    #[cfg(feature = "opcua")]
+    #[command(flatten)]
+    nodes: nodes::Nodes,
     /// Keep going, each second, until Ctrl-C
     #[arg(long)]
     watch: bool,
@@ -33,6 +38,10 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.one.is_asked_for() {
         return register::run(&arguments.target, &arguments.one, arguments.watch, arguments.json);
+    }
+    #[cfg(feature = "opcua")]
+    if arguments.nodes.is_asked_for() {
+        return nodes::run(&arguments.target, &arguments.nodes, arguments.json);
     }
     let Some(profile) = arguments.target.load(arguments.json)? else {
         super::refuse("name a PROFILE, or a line and what to read: --bus tcp://HOST --register holding:0")

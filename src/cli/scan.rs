@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::print_json;
 use super::signals::Signals;
-use super::target::{self, Target};
+use super::target::{self, Target, has_registers};
 use crate::cli::say::{say, say_all, say_beside, say_progress};
 use crate::clock::Clock;
 use crate::discovery::bus::{LineAddress, Parity, Serial, Transport, baud};
@@ -15,16 +15,20 @@ use crate::discovery::walk::{RegisterRange, walk};
 use crate::discovery::{Exchange, Register};
 use isotherm_core::quantity::Moment;
 
+#[cfg(feature = "opcua")]
+mod endpoints;
 mod text;
 
 /// Asks every unit of a line once, for one register, and prints which answer. An exception is an answer too. Reads only.
+/// Of an OPC UA server it shows what that offers: security, users, certificate.
 ///
 /// A device that is there but answers nothing at all for a register it does not have is found only with another
 /// --register.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  isotherm scan --bus tcp://192.168.0.10:502\n  isotherm scan --bus \
                   rtu:///dev/ttyUSB0 --baud 1200,9600,19200 --parity none,even --units 1..32\n  isotherm scan --bus \
-                  tcp://192.168.0.10 --units 1 --registers holding:0..199\n  isotherm scan my-machine.toml --bus cell")]
+                  tcp://192.168.0.10 --units 1 --registers holding:0..199\n  isotherm scan my-machine.toml --bus cell\n  \
+                  isotherm scan --bus opc.tcp://192.168.0.12")]
 pub(super) struct Arguments {
     #[command(flatten)]
     target: Target,
@@ -55,7 +59,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.target.bus.is_none() && arguments.target.profile.is_none() {
         super::refuse("name the line: --bus tcp://192.168.0.10:502, or a PROFILE with --bus NAME");
     }
-    let line = arguments.target.find(arguments.json)?;
+    let line = arguments.target.any(arguments.json)?;
+    #[cfg(feature = "opcua")]
+    if line.bus.opcua.is_some() {
+        return endpoints::run(&line, arguments.json);
+    }
+    has_registers(&line.bus)?;
     let is_serial = matches!(line.address.transport, Transport::Serial(_));
     let has_settings = !arguments.baud.is_empty() || !arguments.parity.is_empty();
     if has_settings && !is_serial {

@@ -7,7 +7,7 @@ use super::load_with;
 use super::values::{self, key_and_value};
 use crate::discovery::Register;
 use crate::discovery::bus::LineAddress;
-use isotherm_profile::{BusId, Profile, Quirks, Transport};
+use isotherm_profile::{Bus, BusId, Profile, Quirks, Transport};
 
 /// How long an answer is waited for where nothing is said.
 const TIMEOUT: Duration = Duration::from_millis(500);
@@ -21,7 +21,8 @@ pub(super) struct Target {
     /// Overrides one key, as often as needed: `--set bus.cell.address=10.0.0.7:502`
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value, requires = "profile")]
     pub(super) set: Vec<(String, String)>,
-    /// The line: tcp://192.168.0.10:502, rtu:///dev/ttyUSB0?baud=9600&parity=none, rtu+tcp://192.168.0.11:4001;
+    /// The line: tcp://192.168.0.10:502, rtu:///dev/ttyUSB0?baud=9600&parity=none, rtu+tcp://192.168.0.11:4001,
+    /// opc.tcp://192.168.0.12:4840;
     /// with a profile the name of one of its buses
     #[arg(long, value_name = "BUS")]
     pub(super) bus: Option<String>,
@@ -33,7 +34,7 @@ pub(super) struct Target {
 /// A line that has been found.
 pub(super) struct Line {
     pub(super) address: LineAddress,
-    pub(super) bus: isotherm_profile::Bus,
+    pub(super) bus: Bus,
     pub(super) quirks: Quirks,
     /// The bus of the profile, and its name there.
     pub(super) known: Option<(Profile, BusId)>,
@@ -47,6 +48,13 @@ impl Target {
 
     /// The line.
     pub(super) fn find(&self, json: bool) -> anyhow::Result<Line> {
+        let line = self.any(json)?;
+        has_registers(&line.bus)?;
+        Ok(line)
+    }
+
+    /// The line, whatever it is made of.
+    pub(super) fn any(&self, json: bool) -> anyhow::Result<Line> {
         let Some(profile) = self.load(json)? else {
             let address: LineAddress =
                 self.bus.as_deref().unwrap_or_default().parse().map_err(anyhow::Error::msg)?;
@@ -63,31 +71,30 @@ impl Target {
             let why = why.unwrap_or("--bus is missing".to_owned());
             anyhow::anyhow!("{why}; it has: {}", names.join(", "))
         })?;
-        Target::of(profile, bus, self.timeout)
+        Ok(Target::of_any(profile, bus, self.timeout))
     }
 
-    /// A bus of a profile; on CAN nothing has registers.
+    /// A bus of a profile that has registers.
     pub(super) fn of(profile: Profile, id: BusId, timeout: Option<Duration>) -> anyhow::Result<Line> {
-        let mut bus = profile.bus(id).clone();
-        let kind = match bus.transport {
-            Transport::Can => Some("a CAN line"),
-            Transport::OpcUa => Some("an OPC UA server"),
-            Transport::Tcp | Transport::RtuOverTcp | Transport::Serial(_) => None,
-        };
-        if let Some(kind) = kind {
-            let name = &bus.name;
-            anyhow::bail!(
-                "bus {name} is {kind}, where nothing has registers; `isotherm read PROFILE` reads its signals"
-            );
-        }
-        bus.timeout = timeout.unwrap_or(bus.timeout);
-        Ok(Line {
-            address: LineAddress::of(&bus),
-            bus,
-            quirks: Quirks::default(),
-            known: Some((profile, id)),
-        })
+        has_registers(profile.bus(id))?;
+        Ok(Target::of_any(profile, id, timeout))
     }
+
+    fn of_any(profile: Profile, id: BusId, timeout: Option<Duration>) -> Line {
+        let mut bus = profile.bus(id).clone();
+        bus.timeout = timeout.unwrap_or(bus.timeout);
+        Line { address: LineAddress::of(&bus), bus, quirks: Quirks::default(), known: Some((profile, id)) }
+    }
+}
+
+/// On CAN and at an OPC UA server nothing has.
+pub(super) fn has_registers(bus: &Bus) -> anyhow::Result<()> {
+    let (kind, instead) = match bus.transport {
+        Transport::Can => ("a CAN line", "`isotherm read PROFILE` reads its signals"),
+        Transport::OpcUa => ("an OPC UA server", "`isotherm read --browse` shows its nodes"),
+        Transport::Tcp | Transport::RtuOverTcp | Transport::Serial(_) => return Ok(()),
+    };
+    anyhow::bail!("bus {} is {kind}, where nothing has registers; {instead}", bus.name)
 }
 
 fn timeout(text: &str) -> Result<Duration, String> {

@@ -1,0 +1,67 @@
+//! The nodes of an OPC UA server, as a person looks for the one that is meant.
+
+use crate::cli::say::{say, say_beside};
+use crate::cli::target::Target;
+use crate::cli::{print_json, refuse, runtime};
+use crate::discovery::opcua::{Described, browse, in_a_line};
+use isotherm_core::codec::NodeId;
+use isotherm_profile::Bus;
+
+/// The folder that all of a server's own hangs below.
+const OBJECTS: &str = "i=85";
+
+/// What is looked at.
+#[derive(clap::Args, Debug)]
+#[command(next_help_heading = "The nodes of an OPC UA server")]
+pub(in crate::cli) struct Nodes {
+    /// What hangs below this node, `ns=2;s=/Nck`; without one, below Objects: type, what this user may, value
+    #[arg(long, value_name = "NODE", num_args = 0..=1, default_missing_value = OBJECTS, conflicts_with_all = ["register", "watch"])]
+    browse: Option<NodeId>,
+    /// How far below
+    #[arg(long, value_name = "LEVELS", default_value_t = 2, value_parser = clap::value_parser!(u8).range(0..=20), requires = "browse")]
+    depth: u8,
+    /// How many nodes
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u16).range(1..=10_000), requires = "browse")]
+    most: u16,
+}
+
+impl Nodes {
+    pub(in crate::cli) fn is_asked_for(&self) -> bool {
+        self.browse.is_some()
+    }
+}
+
+pub(super) fn run(target: &Target, nodes: &Nodes, json: bool) -> anyhow::Result<()> {
+    let Some(first) = &nodes.browse else { return Ok(()) };
+    let Some(bus) = server(target, json)? else {
+        refuse("--browse wants an OPC UA server: --bus opc.tcp://HOST, or a PROFILE with --bus NAME")
+    };
+    let browsing = browse(&bus, first, usize::from(nodes.depth), usize::from(nodes.most));
+    let tree = runtime()?.block_on(browsing).map_err(anyhow::Error::msg)?;
+    if json {
+        return print_json(&tree);
+    }
+    tree.nodes.iter().try_for_each(|node| say!("{}", line(node)))?;
+    if tree.is_cut {
+        say_beside!(
+            "there are more: --most N shows more than {}, --browse NODE begins at one of these",
+            tree.nodes.len()
+        );
+    }
+    Ok(())
+}
+
+/// The server that is meant.
+fn server(target: &Target, json: bool) -> anyhow::Result<Option<Bus>> {
+    if target.bus.is_none() && target.profile.is_none() {
+        return Ok(None);
+    }
+    let bus = target.any(json)?.bus;
+    Ok(Some(bus).filter(|bus| bus.opcua.is_some()))
+}
+
+fn line(found: &Described) -> String {
+    let indent = "  ".repeat(found.depth);
+    let said = in_a_line(found);
+    format!("{indent}{}  {}  {said}", found.node, found.name).trim_end().to_owned()
+}

@@ -1,0 +1,67 @@
+//! What an OPC UA server offers: its endpoints, whom they let in, its certificate; as lines of a profile too.
+
+use crate::cli::opcua::shown;
+use crate::cli::print_json;
+use crate::cli::say::{say, say_all};
+use crate::cli::target::Line;
+use crate::discovery::opcua::{Offer, offers};
+use isotherm_profile::Security;
+
+pub(super) fn run(line: &Line, json: bool) -> anyhow::Result<()> {
+    let url = &line.bus.address;
+    let asked = offers(url, line.bus.timeout);
+    let offers = crate::cli::runtime()?.block_on(asked).map_err(anyhow::Error::msg)?;
+    if json {
+        return print_json(&serde_json::json!({ "url": url, "endpoints": offers }));
+    }
+    say!("The server at {url} offers")?;
+    say_all!("{}", table(&offers))?;
+    let mut certificates: Vec<_> = offers.iter().filter_map(|offer| offer.certificate.as_ref()).collect();
+    certificates.dedup();
+    for certificate in certificates {
+        say!("It shows a certificate")?;
+        say_all!("{}", shown(certificate))?;
+    }
+    let Some(security) = strongest(&offers) else {
+        anyhow::bail!(
+            "none of that is spoken by the gateway: switch on Basic256Sha256 or better at the server, binary over TCP"
+        )
+    };
+    if line.known.is_none() {
+        let files = match security {
+            Security::None => String::new(),
+            _ => "cert = \"own.der\"\nkey = \"own.pem\"\ntrusted = \"trusted\"\n".to_owned(),
+        };
+        let lines = line.address.profile_lines();
+        say_all!("\n# for a profile:\n[bus.control]\n{lines}security = \"{}\"\n{files}", word(security))?;
+    }
+    Ok(())
+}
+
+/// A line for each endpoint.
+fn table(offers: &[Offer]) -> String {
+    let width = offers.iter().map(|offer| offer.policy.len()).max().unwrap_or(0);
+    let lines = offers.iter().map(|Offer { security, policy, is_spoken, users, .. }| {
+        let users = if users.is_empty() { "nobody".to_owned() } else { users.join(", ") };
+        let spoken = if *is_spoken { "" } else { "  (not spoken by the gateway)" };
+        let security = security.map_or("?", word);
+        format!("  {security:<16}  {policy:<width$}  {users}{spoken}\n")
+    });
+    lines.collect()
+}
+
+fn strongest(offers: &[Offer]) -> Option<Security> {
+    let order = [Security::SignAndEncrypt, Security::Sign, Security::None];
+    let offered =
+        |security: &Security| offers.iter().any(|offer| offer.is_spoken && offer.security == Some(*security));
+    order.into_iter().find(offered)
+}
+
+/// As a profile writes it.
+const fn word(security: Security) -> &'static str {
+    match security {
+        Security::None => "none",
+        Security::Sign => "sign",
+        Security::SignAndEncrypt => "sign-and-encrypt",
+    }
+}
