@@ -8,6 +8,9 @@
 mod gateway;
 #[path = "opcua/held.rs"]
 mod held;
+#[path = "opcua/nodes.rs"]
+mod nodes;
+mod process;
 #[path = "opcua/rig.rs"]
 mod rig;
 #[path = "opcua/secured.rs"]
@@ -16,3 +19,5 @@ mod secured;
 mod sessions;
 #[path = "opcua/values.rs"]
 mod values;
+#[path = "opcua/words.rs"]
+mod words;

@@ -1,4 +1,9 @@
-"""Makes certificates as OPC UA wants them, in the directory that is named: own, server, old (expired), each with its key."""
+"""Makes certificates as OPC UA wants them, in the directory that is named: own, server, old (expired), soon (expires in 20
+days), user, other, each with its key.
+
+--thumbprints FILE   prints the SHA-1 and SHA-256 of a certificate, and from when to when it is valid
+--renew DIRECTORY    makes another one for soon, valid for longer
+"""
 
 import sys
 from datetime import datetime, timedelta, timezone
@@ -9,13 +14,20 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+if sys.argv[1] == "--thumbprints":
+    cert = x509.load_der_x509_certificate(Path(sys.argv[2]).read_bytes())
+    times = (cert.not_valid_before_utc, cert.not_valid_after_utc)
+    print(cert.fingerprint(hashes.SHA1()).hex(), cert.fingerprint(hashes.SHA256()).hex())
+    print(*(time.strftime("%Y-%m-%dT%H:%M:%SZ") for time in times))
+    sys.exit()
 NOW = datetime.now(timezone.utc)
-into = Path(sys.argv[1])
+YEAR = timedelta(days=365)
+into = Path(sys.argv[-1])
 
 
-def make(name, uri, begin, end):
+def make(name, uri, begin, end, of=None):
     key = rsa.generate_private_key(public_exponent=65537, key_size=2048)
-    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
+    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, of or name)])
     usage = x509.KeyUsage(True, True, True, True, False, True, False, False, False)
     uses = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
     names = [x509.UniformResourceIdentifier(uri), x509.DNSName("localhost")]
@@ -39,7 +51,12 @@ def make(name, uri, begin, end):
     (into / f"{name}.der").write_bytes(cert.public_bytes(serialization.Encoding.DER))
 
 
-YEAR = timedelta(days=365)
+if sys.argv[1] == "--renew":
+    make("renewed", "urn:isotherm:test", NOW - YEAR, NOW + YEAR, of="soon")
+    sys.exit()
 make("own", "urn:isotherm:test", NOW - YEAR, NOW + YEAR)
 make("server", "urn:freeopcua:python:server", NOW - YEAR, NOW + YEAR)
 make("old", "urn:isotherm:test", NOW - 2 * YEAR, NOW - YEAR)
+make("soon", "urn:isotherm:test", NOW - YEAR, NOW + timedelta(days=20))
+make("user", "urn:isotherm:user", NOW - YEAR, NOW + YEAR)
+make("other", "urn:isotherm:user", NOW - YEAR, NOW + YEAR)

@@ -7,7 +7,7 @@ use isotherm::fieldbus::opcua_check;
 use isotherm::fieldbus::opcua_fault::OpcUaFault;
 
 /// A directory with certificates, and the server's among those that are trusted.
-fn certificates() -> tempfile::TempDir {
+pub(crate) fn certificates() -> tempfile::TempDir {
     let directory = tempfile::tempdir().unwrap();
     assert!(python("certificates.py").arg(directory.path()).status().unwrap().success());
     std::fs::create_dir(directory.path().join("trusted")).unwrap();
@@ -15,14 +15,14 @@ fn certificates() -> tempfile::TempDir {
     directory
 }
 
-fn serve(directory: &Path, name: &str, more: &[&str]) -> Server {
+pub(crate) fn serve(directory: &Path, name: &str, more: &[&str]) -> Server {
     let file = |end| directory.join(format!("{name}.{end}")).display().to_string();
     let (cert, key) = (file("der"), file("pem"));
     Server::start(&[&["--cert", cert.as_str(), "--key", key.as_str()], more].concat())
 }
 
 /// The lines of a secured bus.
-fn secured(security: &str, own: &str, user: &str) -> String {
+pub(crate) fn secured(security: &str, own: &str, user: &str) -> String {
     format!(
         "security = \"{security}\"\ncert = \"{own}.der\"\nkey = \"{own}.pem\"\ntrusted = \"trusted\"\n{user}"
     )
@@ -70,7 +70,7 @@ async fn an_expired_certificate_of_either_end_is_told_with_what_to_do() {
     let text = machine(server.port, &secured("sign-and-encrypt", "old", ""));
     let fault = Line::new(profile(&text, directory.path())).signals().await.unwrap_err();
     assert_eq!(fault, no_session(OpcUaFault::OursExpired));
-    assert!(fault.to_string().contains("make a new one, and trust it at the server"), "{fault}");
+    assert!(fault.to_string().contains("make a new one (`isotherm opcua certificate PROFILE`)"), "{fault}");
     let old = serve(directory.path(), "old", &[]);
     std::fs::copy(directory.path().join("old.der"), directory.path().join("trusted/old.der")).unwrap();
     let text = machine(old.port, &secured("sign-and-encrypt", "own", ""));

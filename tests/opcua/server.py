@@ -9,6 +9,7 @@ hold NAME SECONDS    a write of the node is done, and answered so much later
 sessions NUMBER      so many sessions may be made from now on
 drop                 the session table is emptied
 read NAME            prints what the node holds
+taken                prints how many logins there are, and how many lists of nodes are kept for whoever asks on
 
 Each is acknowledged with a line. Every tenth of a second each value is stamped anew, as a control does that measures."""
 
@@ -16,9 +17,13 @@ import argparse
 import asyncio
 import sys
 from datetime import datetime, timedelta, timezone
+from pathlib import Path
 
 from asyncua import Server, ua
+from asyncua.server.internal_session import InternalSession
+from asyncua.server.uaprocessor import UaProcessor
 from asyncua.server.user_managers import UserManager
+from asyncua.ua.ua_binary import struct_from_binary
 from asyncua.crypto.permission_rules import User, UserRole
 
 parser = argparse.ArgumentParser()
@@ -26,7 +31,9 @@ parser.add_argument("--port", type=int, default=0)
 parser.add_argument("--cert")
 parser.add_argument("--key")
 parser.add_argument("--user")
+parser.add_argument("--user-cert")
 parser.add_argument("--most", type=int, default=0)
+parser.add_argument("--few", type=int, default=0)
 arguments = parser.parse_args()
 
 NODES = {
@@ -40,6 +47,9 @@ NODES = {
 
 class OneUser(UserManager):
     def get_user(self, iserver, username=None, password=None, certificate=None):
+        if arguments.user_cert:
+            known = Path(arguments.user_cert).read_bytes()
+            return User(role=UserRole.User) if certificate == known else None
         if arguments.user is None or f"{username}:{password}" == arguments.user:
             return User(role=UserRole.User)
         return None
@@ -60,6 +70,8 @@ async def main():
         await server.load_private_key(arguments.key)
     server.set_security_policy(policies)
     tokens = [ua.UserNameIdentityToken] if arguments.user else [ua.AnonymousIdentityToken]
+    if arguments.user_cert:
+        tokens = [ua.X509IdentityToken]
     server.set_identity_tokens(tokens)
     space = await server.register_namespace("urn:test")
     nodes, held, status, late = {}, {}, {}, {}
@@ -68,6 +80,14 @@ async def main():
         if name != "bed":
             await node.set_writable()
         nodes[name], held[name] = node, ua.Variant(value, kind)
+    folder = await server.nodes.objects.add_folder(ua.NodeId("folder", space), "folder")
+    for name in "abcde":
+        inner = await folder.add_variable(ua.NodeId(name, space), name, 1.0)
+        if name == "a":
+            await inner.add_variable(ua.NodeId("below", space), "below", 2.0)
+    await server.nodes.objects.add_variable(ua.NodeId("several", space), "several", [1.0, 2.0])
+    hidden = await server.nodes.objects.add_variable(ua.NodeId("hidden", space), "hidden", 1.0)
+    await hidden.unset_attr_bit(ua.AttributeIds.UserAccessLevel, ua.AccessLevel.CurrentRead)
     if arguments.most:
         limit = server.get_node(ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxNodesPerRead)
         await limit.write_value(ua.Variant(arguments.most, ua.VariantType.UInt32))
@@ -103,6 +123,41 @@ async def main():
         return read(params)
 
     service.write, service.read = written, asked
+    rest = {}
+    browse = server.iserver.view_service.browse
+
+    def part(references, most):
+        """As many references as are taken at once, and where the rest is kept."""
+        most = min(filter(None, (most, arguments.few)), default=len(references))
+        point = None
+        if len(references) > most:
+            point = str(len(rest)).encode()
+            rest[point] = references[most:]
+        return ua.BrowseResult(ContinuationPoint=point, References=references[:most])
+
+    def browsed(params):
+        results = browse(params)
+        for result in results:
+            found = part(result.References, params.RequestedMaxReferencesPerNode)
+            result.References, result.ContinuationPoint = found.References, found.ContinuationPoint
+        return results
+
+    process = UaProcessor._process_message
+
+    async def processed(self, kind, header, sequence, body):
+        """BrowseNext, which asyncua does not know."""
+        if kind != ua.NodeId(ua.ObjectIds.BrowseNextRequest_Encoding_DefaultBinary):
+            return await process(self, kind, header, sequence, body)
+        params = struct_from_binary(ua.BrowseNextParameters, body)
+        kept = [rest.pop(point, []) for point in params.ContinuationPoints]
+        answer = ua.BrowseNextResponse()
+        if not params.ReleaseContinuationPoints:
+            answer.Parameters.Results = [part(references, 0) for references in kept]
+        self.send_response(header.RequestHandle, sequence, answer)
+        return True
+
+    server.iserver.view_service.browse = browsed
+    UaProcessor._process_message = processed
     left = [None]
     create = server.iserver.create_session
 
@@ -156,6 +211,8 @@ async def main():
                     held_back[name] = float(seconds)
                 case ["sessions", number]:
                     left[0] = int(number)
+                case ["taken"]:
+                    answer = f"{InternalSession._current_connections} {len(rest)}"
                 case ["read", name]:
                     answer = str(held[name].Value)
                 case _:

@@ -1,0 +1,160 @@
+//! The nodes of a server as `read --browse` and `check --online` show them.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use super::process::isotherm;
+use super::rig::{Server, machine};
+use super::secured::{certificates, serve};
+use super::words::{Ended, typing};
+
+fn read(server: &Server, more: &[&str]) -> Ended {
+    let home = tempfile::tempdir().unwrap();
+    let bus = format!("opc.tcp://127.0.0.1:{}", server.port);
+    typing(isotherm(home.path()).args(["read", "--bus", &bus]).args(more), "")
+}
+
+fn nodes(ended: &Ended) -> Vec<Value> {
+    ended.json()["nodes"].as_array().unwrap_or_else(|| panic!("{}{}", ended.out, ended.said)).clone()
+}
+
+fn names(ended: &Ended) -> Vec<String> {
+    nodes(ended).iter().map(|node| node["name"].as_str().unwrap().to_owned()).collect()
+}
+
+#[test]
+fn each_node_is_shown_with_its_type_what_this_user_may_and_what_it_holds() {
+    let server = Server::start(&[]);
+    let found = read(&server, &["--browse", "--json"]);
+    let found = nodes(&found);
+    let node =
+        |id: &str| found.iter().find(|node| node["node"] == id).unwrap_or_else(|| panic!("{id}: {found:?}"));
+    let said = |id: &str, key: &str| node(id)[key].as_str().unwrap_or_default().to_owned();
+    let row =
+        |id: &str| (said(id, "type"), said(id, "kind"), said(id, "value"), node(id)["is_writable"] == true);
+    let expected = |a: &str, b: &str, c: &str, d| (a.to_owned(), b.to_owned(), c.to_owned(), d);
+    assert_eq!(row("ns=2;s=bed"), expected("f32", "Float", "20", false));
+    assert_eq!(row("ns=2;s=offset"), expected("i32", "Int32", "0", true));
+    assert_eq!(row("ns=2;s=text"), expected("", "String", "text", true));
+    assert_eq!((&found[0]["node"], &found[0]["name"]), (&"i=85".into(), &"Objects".into()));
+    // What OPC UA itself defines is named, and not looked below.
+    assert!(found.iter().any(|node| node["name"] == "Server"));
+    assert!(found.iter().all(|node| node["name"] != "ServerStatus"));
+    let text = read(&server, &["--browse"]);
+    assert!(text.out.contains("\n  ns=2;s=offset  offset  i32 (Int32)  read, write  0\n"), "{}", text.out);
+}
+
+#[test]
+fn no_more_nodes_are_shown_than_asked_for_and_as_deep_as_asked_for_however_few_the_server_gives_at_once() {
+    for few in [&[][..], &["--few", "2"], &["--few", "1", "--most", "3"]] {
+        let server = Server::start(few);
+        let all = names(&read(&server, &["--browse", "ns=2;s=folder", "--json"]));
+        assert_eq!(all, ["folder", "a", "below", "b", "c", "d", "e"], "{few:?}");
+        let shallow = names(&read(&server, &["--browse", "ns=2;s=folder", "--depth", "1", "--json"]));
+        assert_eq!(shallow, ["folder", "a", "b", "c", "d", "e"]);
+        let cut = read(&server, &["--browse", "ns=2;s=folder", "--most", "4", "--json"]);
+        assert_eq!((names(&cut).len(), cut.json()["is_cut"].as_bool()), (4, Some(true)));
+        let whole = read(&server, &["--browse", "ns=2;s=folder", "--most", "7", "--json"]);
+        assert_eq!((names(&whole).len(), whole.json()["is_cut"].as_bool()), (7, Some(false)));
+    }
+}
+
+#[test]
+fn a_look_around_leaves_no_place_taken_at_the_server() {
+    let mut server = Server::start(&["--few", "1"]);
+    let before = server.does("taken");
+    for most in ["2", "3", "200"] {
+        assert_eq!(read(&server, &["--browse", "--most", most]).code, Some(0));
+    }
+    assert_eq!(server.does("taken"), before);
+}
+
+#[test]
+fn a_node_that_is_not_there_is_told_with_what_to_do() {
+    let server = Server::start(&[]);
+    let ended = read(&server, &["--browse", "ns=2;s=bet"]);
+    assert_eq!(ended.code, Some(1));
+    assert!(
+        ended.said.contains("ns=2;s=bet: the server answers BadNodeIdUnknown: there is no such node"),
+        "{}",
+        ended.said
+    );
+    let ended = read(&server, &["--register", "holding:0", "--unit", "1"]);
+    assert!(ended.said.contains("nothing has registers; `isotherm read --browse`"), "{}", ended.said);
+}
+
+fn check(directory: &Path, text: &str) -> Ended {
+    let path = directory.join("machine.toml");
+    std::fs::write(&path, text).unwrap();
+    typing(isotherm(directory).arg("check").arg(path).arg("--online"), "")
+}
+
+#[test]
+fn what_of_a_profile_does_not_fit_its_server_is_told_node_by_node() {
+    let server = Server::start(&[]);
+    let home = tempfile::tempdir().unwrap();
+    let good = machine(server.port, "");
+    let ended = check(home.path(), &good);
+    assert_eq!(ended.code, Some(0), "{}{}", ended.out, ended.said);
+    for line in [
+        "  signal bed at ns=2;s=bed: f32 (Float)  read  20\n",
+        "  signal scale at ns=2;s=scale: i32 (Int32)  read, write  100000\n",
+        "  output offset at ns=2;s=offset: i32 (Int32)  read, write  0\n",
+    ] {
+        assert!(ended.out.contains(line), "{line}: {}", ended.out);
+    }
+    let cases = [
+        (
+            ("ns=2;s=offset\"\ntype = \"i32\"", "ns=2;s=k0\"\ntype = \"i32\""),
+            "it is a Double, and the profile says i32: write type = \"f64\"",
+        ),
+        (
+            ("ns=2;s=offset\"\ntype = \"i32\"", "ns=2;s=a\"\ntype = \"f64\""),
+            "this user may not write it: give it that right at the server",
+        ),
+        (("ns=2;s=scale", "ns=2;s=skale"), "there is no such node: is its name right"),
+        (("ns=2;s=bed", "ns=2;s=text"), "it is a String, and no number"),
+        (("ns=2;s=bed", "ns=2;s=folder"), "it is no variable"),
+        (("ns=2;s=bed", "ns=2;s=several"), "it holds several values"),
+        (("ns=2;s=bed", "ns=2;s=hidden"), "this user may not read it"),
+    ];
+    for ((from, to), words) in cases {
+        assert!(good.contains(from), "{from}");
+        let ended = check(home.path(), &good.replace(from, to));
+        assert_eq!(ended.code, Some(1), "{to}: {}{}", ended.out, ended.said);
+        let is_told = |line: &str| line.starts_with("    warning: ") && line.contains(words);
+        assert!(ended.out.lines().any(is_told), "{words}: {}", ended.out);
+        assert!(ended.said.contains(words), "{words}: {}", ended.said);
+    }
+}
+
+#[test]
+fn a_scan_shows_what_a_server_offers_and_what_a_profile_says_to_take_the_best_of_it() {
+    let given = certificates();
+    let server = serve(given.path(), "server", &["--user", "isotherm:hot-and-cold"]);
+    let bus = format!("opc.tcp://127.0.0.1:{}", server.port);
+    let scan = |more: &[&str]| typing(isotherm(given.path()).args(["scan", "--bus", &bus]).args(more), "");
+    let found = scan(&["--json"]).json();
+    let offers = found["endpoints"].as_array().unwrap();
+    let offered = |security: &str, policy: &str| {
+        let is_it = |offer: &&Value| offer["security"] == security && offer["policy"] == policy;
+        offers.iter().find(is_it).unwrap_or_else(|| panic!("{found}")).clone()
+    };
+    assert_eq!(offers.len(), 4);
+    assert_eq!(offered("none", "None")["is_spoken"], true);
+    let best = offered("sign-and-encrypt", "Aes256_Sha256_RsaPss");
+    assert_eq!((&best["is_spoken"], &best["users"][0]), (&true.into(), &"password".into()));
+    assert_eq!(best["certificate"]["application"], "urn:freeopcua:python:server");
+    let text = scan(&[]);
+    let lines = format!("type = \"opcua\"\naddress = \"{bus}\"\nsecurity = \"sign-and-encrypt\"\n");
+    assert!(text.out.contains(&lines), "{}{}", text.out, text.said);
+    assert!(text.out.contains("  sign              Basic256Sha256        password\n"), "{}", text.out);
+    let none = typing(isotherm(given.path()).args(["scan", "--bus", "opc.tcp://127.0.0.1:1"]), "");
+    assert_eq!(none.code, Some(1));
+    assert!(
+        none.said.contains("nothing listens there: is the port right (Modbus TCP has 502, OPC UA 4840)"),
+        "{}",
+        none.said
+    );
+}
