@@ -91,7 +91,12 @@ impl Target {
 pub(super) fn has_registers(bus: &Bus) -> anyhow::Result<()> {
     let (kind, instead) = match bus.transport {
         Transport::Can => ("a CAN line", "`isotherm read PROFILE` reads its signals"),
-        Transport::OpcUa => ("an OPC UA server", "`isotherm read --browse` shows its nodes"),
+        Transport::OpcUa if cfg!(feature = "opcua") => {
+            ("an OPC UA server", "`isotherm read --browse` shows its nodes")
+        }
+        Transport::OpcUa => {
+            ("an OPC UA server", "a program with OPC UA in it, as the packages have it, is needed")
+        }
         Transport::Tcp | Transport::RtuOverTcp | Transport::Serial(_) => return Ok(()),
     };
     anyhow::bail!("bus {} is {kind}, where nothing has registers; {instead}", bus.name)
