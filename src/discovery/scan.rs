@@ -144,9 +144,14 @@ fn how(answer: &Result<Answer, Fault>) -> Option<How> {
         Err(Fault::Exception(10 | 11)) => None,
         Err(Fault::Exception(code)) => Some(How::Exception(*code)),
         Err(fault @ Fault::Peer(_)) => Some(How::Garbled(fault.to_string())),
-        Err(Fault::Timeout | Fault::Link(_) | Fault::Caller(_) | Fault::Aborted(_) | Fault::Status(_)) => {
-            None
-        }
+        Err(
+            Fault::Timeout
+            | Fault::Link(_)
+            | Fault::Caller(_)
+            | Fault::Aborted(_)
+            | Fault::Status(_)
+            | Fault::Part { .. },
+        ) => None,
     }
 }
 

@@ -25,6 +25,16 @@ pub enum Fault {
     /// The server says no, with this status of OPC UA.
     #[error("the server answers {0}")]
     Status(Status),
+    /// The server has written some of the nodes of one call, and says this of another.
+    #[error(
+        "the server answers {status} to node {place} of those that are written together, and has written others"
+    )]
+    Part {
+        /// What it says of the first that was not written.
+        status: Status,
+        /// Which of them that is, counted from 1.
+        place: u16,
+    },
     /// No answer in time.
     #[error("no answer in time")]
     Timeout,
@@ -48,6 +58,12 @@ pub enum CallerFault {
     /// What it rests on has become too old before it could be sent.
     #[error("too late: what it rests on is too old by now")]
     TooLate,
+    /// More nodes than the server takes in one call, of which none may be written without the others.
+    #[error(
+        "the server takes {0} in one call (MaxNodesPerWrite), and a set is written in one or not at all: let it take more, or \
+         make the set smaller"
+    )]
+    TooManyNodes(u32),
 }
 
 /// How a connection fails.
@@ -235,7 +251,7 @@ impl Fault {
             Fault::Caller(_) => "caller",
             Fault::Link(_) => "link",
             Fault::Peer(_) => "peer",
-            Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_) => "exception",
+            Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_) | Fault::Part { .. } => "exception",
             Fault::Timeout => "timeout",
         }
     }
@@ -245,7 +261,7 @@ impl Fault {
 
     /// The device has answered, and it says no.
     pub const fn is_refusal(self) -> bool {
-        matches!(self, Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_))
+        matches!(self, Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_) | Fault::Part { .. })
     }
 
     /// A gateway in between has answered for a device that does not.
@@ -317,7 +333,7 @@ impl Fault {
         match self {
             Fault::Exception(code) => Reason::Exception(code),
             Fault::Aborted(_) => Reason::Refused,
-            Fault::Status(Status(code)) => Reason::Status(code),
+            Fault::Status(Status(code)) | Fault::Part { status: Status(code), .. } => Reason::Status(code),
             Fault::Peer(PeerFault::Type) => Reason::WrongType,
             Fault::Timeout => Reason::Timeout,
             Fault::Link(_) => Reason::LinkDown,

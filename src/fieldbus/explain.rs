@@ -75,6 +75,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
             "the server takes no such value there: is the scale right, are the axis's limit and the node's range?"
         }
         Fault::Status(_) => "the server's own log or display says why",
+        Fault::Part { status, .. } => return remedy(Fault::Status(status)),
         _ => return None,
     })
 }

@@ -331,9 +331,10 @@ impl DeviceLine {
                 first_asked = owed.first_asked(request);
                 answer = match exchanged {
                     // One that was found after its time comes too late, also where nobody looked in between.
-                    Some(Ok(_) | Err(Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_)))
-                        if took > span || (first_asked.is_some() && !owed.is_likely_after(took)) =>
-                    {
+                    Some(
+                        Ok(_)
+                        | Err(Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_) | Fault::Part { .. }),
+                    ) if took > span || (first_asked.is_some() && !owed.is_likely_after(took)) => {
                         Err(connection.wire().missed())
                     }
                     Some(answer) => answer,

@@ -43,10 +43,9 @@ impl Pipeline {
             // One that did not leave says nothing.
             Err(Fault::Caller(_)) => {}
             // The first one is answered by a device that loses the second, too.
-            Ok(_) | Err(Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_)) if is_second => {
-                self.lost = 0
+            Ok(_) | Err(Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_) | Fault::Part { .. }) => {
+                self.lost = if is_second { 0 } else { self.lost };
             }
-            Ok(_) | Err(Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_)) => {}
         }
         let is_over = self.is_on && self.lost >= IN_A_ROW;
         self.is_on &= !is_over;

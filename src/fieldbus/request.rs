@@ -52,11 +52,11 @@ pub enum Request<'a> {
 pub enum NodeRequest<'a> {
     /// The values of these nodes are read.
     Read(&'a [Node]),
-    /// The value of one is written.
+    /// The values of these are written, in one call.
     Write {
         /// Which.
-        node: &'a Node,
-        /// Its new value, the most significant register first.
+        nodes: &'a [Node],
+        /// Their new values one behind the other, of each the most significant register first.
         values: &'a [u16],
     },
 }
@@ -209,7 +209,9 @@ impl<'a> Request<'a> {
             Address::Frame(Field { frames, bits, .. }) => {
                 Request::Can(CanRequest::Send { id: frames.id, bits: *bits, values })
             }
-            Address::Node(node) => Request::Nodes(NodeRequest::Write { node, values }),
+            Address::Node(node) => {
+                Request::Nodes(NodeRequest::Write { nodes: std::slice::from_ref(node), values })
+            }
         }
     }
 
@@ -253,7 +255,12 @@ impl<'a> Request<'a> {
                 (at, u16::try_from(values.len()).unwrap_or(u16::MAX), 123)
             }
             Request::Nodes(NodeRequest::Read(nodes)) => return !nodes.is_empty(),
-            Request::Can(_) | Request::Nodes(NodeRequest::Write { .. }) => return true,
+            Request::Nodes(NodeRequest::Write { nodes, values }) => {
+                let registers: usize =
+                    nodes.iter().map(|node| usize::from(node.taken_as().registers())).sum();
+                return !nodes.is_empty() && registers == values.len();
+            }
+            Request::Can(_) => return true,
         };
         (1..=most).contains(&count) && u32::from(at) + u32::from(count) <= 65536
     }

@@ -78,9 +78,12 @@ async fn a_value_of_another_type_and_a_node_that_nobody_may_write_are_refused_by
     let mut write = async |id: &str, data_type: DataType| {
         let node = Node { id: id.parse().unwrap(), data_type: Some(data_type) };
         let value = data_type.encode(7);
-        line.asks(Request::Nodes(NodeRequest::Write { node: &node, values: value.registers() }))
-            .await
-            .map(|answered| answered.answer)
+        line.asks(Request::Nodes(NodeRequest::Write {
+            nodes: std::slice::from_ref(&node),
+            values: value.registers(),
+        }))
+        .await
+        .map(|answered| answered.answer)
     };
     let status = |code| Err(Fault::Status(Status(code)));
     assert_eq!(write("ns=2;s=offset", DataType::F64).await, status(0x8074_0000));

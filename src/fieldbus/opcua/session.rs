@@ -44,6 +44,7 @@ struct Held {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Limits {
     pub(super) read: usize,
+    pub(super) write: usize,
 }
 
 /// The endpoints of a server.
@@ -208,17 +209,24 @@ impl Session {
 
     /// What the server takes in one call; one that does not say takes everything.
     pub(super) async fn limits(&self, link: &mut Link) -> Result<Limits, Fault> {
+        let read = VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerRead;
+        let write = VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerWrite;
+        // One each: both at once may be one too many.
+        Ok(Limits { read: self.most(link, read).await?, write: self.most(link, write).await? })
+    }
+
+    async fn most(&self, link: &mut Link, of: VariableId) -> Result<usize, Fault> {
         let channel = link.channel.clone();
         let read = Read::new_manual(0, OPENING, self.token(), channel.request_handle())
             .timestamps_to_return(TimestampsToReturn::Neither)
-            .node(value_of(VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerRead.into()));
+            .node(value_of(of.into()));
         let answer = link.ask(read.send(&channel)).await.map_err(|error| call_fault(&error))?;
         let found = answer.results.unwrap_or_default();
         let most = found.first().and_then(|found| match found.value {
             Some(::opcua::types::Variant::UInt32(most)) if most > 0 => usize::try_from(most).ok(),
             _ => None,
         });
-        Ok(Limits { read: most.unwrap_or(usize::MAX) })
+        Ok(most.unwrap_or(usize::MAX))
     }
 }
 

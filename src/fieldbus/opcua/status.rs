@@ -3,8 +3,9 @@
 use ::opcua::types::{Error, StatusCode};
 use isotherm_core::reading::Status;
 
-use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
+use crate::fieldbus::error::{Fault, LinkFault, Outcome, PeerFault};
 use crate::fieldbus::opcua_fault::OpcUaFault;
+use crate::fieldbus::wire::Answer;
 
 /// Why no session came about.
 pub(super) fn dial_fault(error: &Error) -> Fault {
@@ -61,5 +62,49 @@ pub(super) fn call_fault(error: &Error) -> Fault {
         | StatusCode::BadResponseTooLarge
         | StatusCode::BadEncodingLimitsExceeded => Fault::Peer(PeerFault::Malformed),
         status => Fault::Status(Status(status.bits())),
+    }
+}
+
+/// What came of a call that writes these nodes: done where all of them are, and not done where that is said of each.
+pub(super) fn all_written(said: &[Status]) -> Result<Answer, Fault> {
+    let mut refused = said.iter().zip(1..).filter(|(status, _)| !status.is_good());
+    let Some((&status, place)) = refused.clone().next() else { return Ok(Answer::Done) };
+    if said.iter().any(|status| status.is_good()) {
+        return Err(Fault::Part { status, place });
+    }
+    let unknown = refused.find_map(|(status, _)| {
+        let fault = Fault::Status(*status);
+        (fault.outcome() == Outcome::Unknown).then_some(fault)
+    });
+    Err(unknown.unwrap_or(Fault::Status(status)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_set_is_done_where_all_of_it_is_and_not_done_where_each_of_it_is_refused() {
+        const GOOD: Status = Status(0);
+        const FAILED: Status = Status(0x808b_0000);
+        let (denied, typed) = (Status::ACCESS_DENIED, Status::TYPE_MISMATCH);
+        let part = |status, place| Err(Fault::Part { status, place });
+        let cases: [(&[Status], Result<Answer, Fault>, Outcome); 6] = [
+            (&[denied, typed], Err(Fault::Status(denied)), Outcome::NotDone),
+            (&[GOOD, denied], part(denied, 2), Outcome::Unknown),
+            (&[denied, GOOD, typed], part(denied, 1), Outcome::Unknown),
+            (&[GOOD, FAILED], part(FAILED, 2), Outcome::Unknown),
+            (&[denied, FAILED], Err(Fault::Status(FAILED)), Outcome::Unknown),
+            (&[FAILED], Err(Fault::Status(FAILED)), Outcome::Unknown),
+        ];
+        for (said, expected, outcome) in cases {
+            let found = all_written(said);
+            assert_eq!(
+                (&found, found.clone().map_err(Fault::outcome)),
+                (&expected, Err(outcome)),
+                "{said:?}"
+            );
+        }
+        assert_eq!(all_written(&[GOOD, GOOD]), Ok(Answer::Done));
     }
 }

@@ -8,7 +8,7 @@ use isotherm_core::reading::Status;
 
 use super::channel::Link;
 use super::session::{Limits, Session, value_of};
-use super::status::{call_fault, is_of_the_session};
+use super::status::{all_written, call_fault, is_of_the_session};
 use super::value::{node_id, reading, variant};
 use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
@@ -36,7 +36,7 @@ impl OpcUa {
         }
         match request {
             NodeRequest::Read(nodes) => self.read(nodes, departure).await,
-            NodeRequest::Write { node, values } => self.write(node, values, departure).await,
+            NodeRequest::Write { nodes, values } => self.write(nodes, values, departure).await,
         }
     }
 
@@ -60,31 +60,37 @@ impl OpcUa {
         Ok(Answer::Nodes(found.map(|(node, (value, answered))| reading(node, value, *answered)).collect()))
     }
 
-    /// One value in the node's own type, without a time or a quality: many servers take no others.
+    /// Each value in its node's own type, without a time or a quality: many servers take no others. All of them in one call, or
+    /// none.
     async fn write(
         &mut self,
-        node: &Node,
-        values: &[u16],
+        nodes: &[Node],
+        mut values: &[u16],
         departure: &mut Departure,
     ) -> Result<Answer, Fault> {
-        let id = node_id(&node.id).zip(variant(node.scalar(values)));
-        let (node_id, value) = id.ok_or(Fault::Caller(CallerFault::Extent))?;
-        let value = WriteValue {
-            node_id,
-            attribute_id: AttributeId::Value as u32,
-            index_range: Default::default(),
-            value: DataValue { value: Some(value), ..DataValue::null() },
-        };
+        if nodes.len() > self.limits.write {
+            let most = u32::try_from(self.limits.write).unwrap_or(u32::MAX);
+            return Err(Fault::Caller(CallerFault::TooManyNodes(most)));
+        }
+        let each = nodes.iter().map(|node| {
+            let (own, rest) = values.split_at_checked(usize::from(node.taken_as().registers()))?;
+            values = rest;
+            written(node, own)
+        });
+        let each: Option<Vec<WriteValue>> = each.collect();
+        let each = each.ok_or(Fault::Caller(CallerFault::Extent))?;
         let channel = self.link.channel.clone();
         let handle = channel.request_handle();
-        let write = Write::new_manual(0, self.session.patience(), self.session.token(), handle).node(value);
+        let write =
+            Write::new_manual(0, self.session.patience(), self.session.token(), handle).nodes_to_write(each);
         departure.leave()?;
         let answer = self.link.ask(write.send(&channel)).await.map_err(|error| self.failed(&error))?;
-        match answer.results.unwrap_or_default().as_slice() {
-            [status] if status.is_good() => Ok(Answer::Done),
-            [status] => Err(Fault::Status(Status(status.bits()))),
-            _ => Err(Fault::Peer(PeerFault::Length)),
+        let said = answer.results.unwrap_or_default();
+        if said.len() != nodes.len() {
+            return Err(Fault::Peer(PeerFault::Length));
         }
+        let said: Vec<Status> = said.into_iter().map(|status| Status(status.bits())).collect();
+        all_written(&said)
     }
 
     async fn call(
@@ -116,6 +122,15 @@ impl OpcUa {
         }
         call_fault(error)
     }
+}
+
+fn written(node: &Node, value: &[u16]) -> Option<WriteValue> {
+    Some(WriteValue {
+        node_id: node_id(&node.id)?,
+        attribute_id: AttributeId::Value as u32,
+        index_range: Default::default(),
+        value: DataValue { value: Some(variant(node.scalar(value))?), ..DataValue::null() },
+    })
 }
 
 impl Wire for OpcUa {

@@ -77,7 +77,9 @@ pub(super) fn asked(request: Request<'_>) -> String {
             format!("send {id}, {bits} ={}", listed(values))
         }
         Request::Nodes(NodeRequest::Read(nodes)) => format!("read{}", listed(nodes)),
-        Request::Nodes(NodeRequest::Write { node, values }) => format!("write {node} ={}", listed(values)),
+        Request::Nodes(NodeRequest::Write { nodes, values }) => {
+            format!("write{} ={}", listed(nodes), listed(values))
+        }
     }
 }
 
