@@ -6,6 +6,7 @@
 use std::io::{Error, ErrorKind};
 
 use isotherm_core::reading::Status;
+use isotherm_profile::Transport;
 use isotherm_profile::regular::without_numbers;
 
 use super::error::{Fault, LinkFault, PeerFault};
@@ -80,9 +81,38 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
     })
 }
 
+/// The same of an OPC UA server, where other things are to be looked at.
+const fn remedy_at_a_server(fault: Fault) -> Option<&'static str> {
+    Some(match fault {
+        Fault::Timeout => {
+            "is the server busy, or its computer? Then a longer `timeout` of the bus helps, or fewer nodes, less often. Is the \
+             control powered, is the way to it cut?"
+        }
+        Fault::Link(LinkFault::Refused) => {
+            "is the port right (OPC UA has usually 4840), is the control's OPC UA server switched on, and does it run?"
+        }
+        Fault::Link(LinkFault::Broken) => {
+            "the server or something on the way has closed it: was the server restarted? Its own log says why"
+        }
+        Fault::Peer(PeerFault::Malformed) => {
+            "it is no answer of OPC UA: is something between that changes it? The server's own log may say more"
+        }
+        _ => return remedy(fault),
+    })
+}
+
 /// What is wrong, and what to do.
 pub fn explain(fault: Fault) -> String {
-    remedy(fault).map_or_else(|| fault.to_string(), |remedy| format!("{fault}: {remedy}"))
+    said(fault, remedy(fault))
+}
+
+/// The same in the words of the line that it happened on.
+pub fn explain_on(line: Transport, fault: Fault) -> String {
+    said(fault, if line == Transport::OpcUa { remedy_at_a_server(fault) } else { remedy(fault) })
+}
+
+fn said(fault: Fault, remedy: Option<&str>) -> String {
+    remedy.map_or_else(|| fault.to_string(), |remedy| format!("{fault}: {remedy}"))
 }
 
 /// What the system says of a file, a socket or a port, without its numbers, and what to do. What is said in words of ours stays.
@@ -138,6 +168,22 @@ mod tests {
             assert!(explain(Fault::Exception(code)).starts_with(&format!("exception {code} (")));
         }
         assert!(explain(Fault::Link(LinkFault::Forbidden)).contains("dialout"));
+    }
+
+    #[test]
+    fn of_an_opc_ua_server_nobody_is_sent_to_look_at_what_only_modbus_has() {
+        let link = [LinkFault::Refused, LinkFault::Unreachable, LinkFault::Broken].map(Fault::Link);
+        let status = [Status::ACCESS_DENIED, Status(0x808b_0000)].map(Fault::Status);
+        let part = Fault::Part { status: Status::NOT_WRITABLE, place: 2 };
+        let others = [Fault::Timeout, Fault::Peer(PeerFault::Malformed), part];
+        for fault in link.into_iter().chain(status).chain(others) {
+            let said = explain_on(Transport::OpcUa, fault);
+            assert!(said.starts_with(&format!("{fault}: ")), "{said}");
+            for word in ["Modbus", "unit", "scan", "baud", "serial", "register"] {
+                assert!(!said.contains(word), "{said}");
+            }
+            assert_eq!(explain_on(Transport::Tcp, fault), explain(fault));
+        }
     }
 
     #[test]

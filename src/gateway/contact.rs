@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::explain::explain;
+use crate::fieldbus::explain::explain_on;
 use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
@@ -101,7 +101,7 @@ impl Contact {
             (Reason::LinkDown | Reason::Timeout | Reason::BadReply | Reason::NeverRead, Some(lost)) => {
                 lost.fault.clone()
             }
-            (Reason::Exception(code), _) => explain(Fault::Exception(code)),
+            (Reason::Exception(code), _) => self.explained(signal.device, Fault::Exception(code)),
             _ => reason.to_string(),
         }
     }
@@ -110,8 +110,12 @@ impl Contact {
     pub(super) fn why_of_device(&self, id: DeviceId, fault: Fault) -> String {
         match &self.devices[id.0].lost {
             Some(lost) if fault.is_of_the_line() && !lost.fault.is_empty() => lost.fault.clone(),
-            _ => explain(fault),
+            _ => self.explained(id, fault),
         }
+    }
+
+    fn explained(&self, id: DeviceId, fault: Fault) -> String {
+        explain_on(self.profile.bus(self.profile.device(id).bus).transport, fault)
     }
 
     /// A device has answered, or a frame of it came.
@@ -148,16 +152,18 @@ impl Contact {
     ) -> bool {
         // What comes after a connection was made is the device's doing.
         if fault.is_of_the_line() && attempts > 0 {
-            self.devices[id.0].misses(explain(refused));
+            let refusal = self.explained(id, refused);
+            self.devices[id.0].misses(refusal);
             self.link_is_down(self.profile.device(id).bus, attempts.into(), refused, events);
             return false;
         }
+        let explained = self.explained(id, fault);
         let count = &mut self.devices[id.0];
         let reported_after = match self.profile.bus(self.profile.device(id).bus).transport {
             Transport::Serial(_) | Transport::RtuOverTcp if count.answered => REPORTED_AFTER_RTU,
             _ => REPORTED_AFTER,
         };
-        let lost = count.misses(explain(fault));
+        let lost = count.misses(explained);
         let is_lost = lost.missed >= reported_after && !lost.reported;
         if is_lost {
             events.push(lost.report(self.profile.device(id)));
@@ -191,8 +197,8 @@ impl Contact {
     pub(super) fn link_is_down(&mut self, id: BusId, attempts: u64, fault: Fault, events: &mut Vec<Event>) {
         if self.buses[id.0].down.replace(attempts).is_none() {
             let bus = self.profile.bus(id);
-            let (bus, address) = (bus.name.clone(), bus.address.clone());
-            events.push(Event::LinkDown { bus, address, fault: explain(fault) });
+            let (name, address) = (bus.name.clone(), bus.address.clone());
+            events.push(Event::LinkDown { bus: name, address, fault: explain_on(bus.transport, fault) });
         }
     }
 }
