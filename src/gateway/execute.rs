@@ -15,6 +15,7 @@ use isotherm_core::quantity::Moment;
 mod applied;
 mod cells;
 mod interlock;
+mod nodes;
 mod order;
 mod position;
 mod register;
@@ -24,6 +25,7 @@ mod set;
 mod single;
 mod strobe;
 mod taking;
+mod together;
 mod trouble;
 
 pub(super) use position::Position;

@@ -129,7 +129,7 @@ impl IndexMut<usize> for Outputs {
 
 impl Stand {
     /// What is to be said of it on the page; empty where nothing is.
-    pub(super) fn message(self, handshake: Option<Handshake>) -> String {
+    pub(super) fn message(self, handshake: Option<&Handshake>) -> String {
         let Some(Handshake { strobe, acknowledge, .. }) = handshake else { return String::new() };
         match (self.failed, self.waits) {
             (Some(failed), _) => failed.message().to_owned(),

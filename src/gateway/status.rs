@@ -321,7 +321,9 @@ fn outputs(shared: &Shared, picture: &Picture) -> Vec<OutputStatus> {
             register: output.address.to_string(),
             writes: output.writes.name(),
             state: if picture.arming[output.axis.0].armed { state.standing.name() } else { "off" },
-            handshake: state.handshake.message(output.set.and_then(|id| shared.profile.set(id).handshake)),
+            handshake: state
+                .handshake
+                .message(output.set.and_then(|id| shared.profile.set(id).handshake.as_ref())),
             value: state.value,
             shares: state.shares.map(|(base, share)| SharesStatus { base, share }),
             applied: state.applied.map(|(value, _)| value),

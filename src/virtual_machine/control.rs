@@ -8,7 +8,7 @@ use super::fault::AcknowledgeFault;
 use super::registers::Bank;
 use isotherm_core::codec::{Address, Register};
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{Flag, Handshake, OutputId, OutputSet, Profile, SetId};
+use isotherm_profile::{Flag, OutputId, OutputSet, Profile, SetId};
 
 /// How long a control takes to see its strobe.
 const REACTS_AFTER: Duration = Duration::from_millis(30);
@@ -31,7 +31,8 @@ pub(super) struct Control {
     /// Its unit: its place in the hardware's list.
     pub(super) place: usize,
     outputs: Vec<(OutputId, Address, u16)>,
-    handshake: Option<Handshake>,
+    /// Strobe and acknowledge.
+    handshake: Option<[Flag; 2]>,
     sequence: Option<Register>,
     last_sequence: u16,
     strobe_up: bool,
@@ -50,7 +51,7 @@ impl Control {
             set: id,
             place,
             outputs: outputs.collect(),
-            handshake: set.handshake,
+            handshake: flags(set),
             sequence: set.sequence,
             last_sequence: 0,
             strobe_up: false,
@@ -64,9 +65,8 @@ impl Control {
 
     /// The registers and bits that are the set's own, besides its outputs: where, and how many.
     pub(super) fn own(set: &OutputSet) -> impl Iterator<Item = Register> {
-        let flags = set.handshake.map(|handshake| [handshake.strobe.address, handshake.acknowledge.address]);
-        let words = [set.sequence, set.complement, set.heartbeat, set.control, set.version.map(|(at, _)| at)];
-        words.into_iter().flatten().chain(flags.into_iter().flatten())
+        let flags = flags(set).into_iter().flatten();
+        set.own_registers().chain(flags.map(|flag| flag.address))
     }
 
     /// The words that an output of this set acts with.
@@ -77,8 +77,8 @@ impl Control {
 
     /// Something was written to its unit; what it takes at once.
     pub(super) fn look(&mut self, bank: &Bank, now: Moment) -> Option<Taken> {
-        if let Some(handshake) = self.handshake {
-            let up = word(bank, handshake.strobe.address).is_some_and(|word| handshake.strobe.is_up(word));
+        if let Some([strobe, _]) = self.handshake {
+            let up = word(bank, strobe.address).is_some_and(|word| strobe.is_up(word));
             if up != self.strobe_up {
                 (self.strobe_up, self.changed) = (up, now);
             }
@@ -102,7 +102,7 @@ impl Control {
         fault: Option<AcknowledgeFault>,
         now: Moment,
     ) -> Option<Taken> {
-        let handshake = self.handshake?;
+        let [_, acknowledge] = self.handshake?;
         let delay = match fault {
             Some(AcknowledgeFault::Late(delay)) if self.strobe_up => delay,
             _ => REACTS_AFTER,
@@ -116,7 +116,7 @@ impl Control {
             return None;
         }
         self.acknowledges = self.strobe_up;
-        set_flag(bank, handshake.acknowledge, self.acknowledges);
+        set_flag(bank, acknowledge, self.acknowledges);
         (self.acknowledges && self.is_another(bank)).then(|| self.take(bank, now))
     }
 
@@ -135,6 +135,11 @@ impl Control {
         let words = |(_, address, count): &(OutputId, Address, u16)| bank.read(address, *count);
         self.outputs.iter().map(|output| words(output).unwrap_or_default().to_vec()).collect()
     }
+}
+
+fn flags(set: &OutputSet) -> Option<[Flag; 2]> {
+    let handshake = set.handshake.as_ref()?;
+    Some([handshake.strobe.flag()?, handshake.acknowledge.flag()?])
 }
 
 fn word(bank: &Bank, address: Register) -> Option<u16> {

@@ -63,10 +63,8 @@ fn is_in_the_write_list(profile: &Profile, seen: &Seen) {
         mark(output.address.register().unwrap(), usize::from(output.encoding.data_type.registers()));
     }
     for set in profile.sets.iter().filter(|set| set.device == seen.device) {
-        let strobe = set.handshake.map(|handshake| handshake.strobe.address);
-        let version = set.version.map(|(at, _)| at);
-        let words = [set.sequence, set.complement, strobe, set.heartbeat, set.control, version];
-        words.into_iter().flatten().for_each(|address| mark(address, 1));
+        let strobe = set.handshake.as_ref().and_then(|handshake| handshake.strobe.address().register());
+        set.own_registers().chain(strobe).for_each(|address| mark(address, 1));
         let longest = profile.device(set.device).longest_request();
         for stretch in set.stretches(set.members(profile), longest).iter().filter(|_| set.zeros) {
             mark(Register { table: Table::Holding, offset: stretch.from }, usize::from(stretch.count));
@@ -76,7 +74,7 @@ fn is_in_the_write_list(profile: &Profile, seen: &Seen) {
         output.display.registers().for_each(|address| mark(address, 1));
     }
     let heartbeat = profile.heartbeat.iter().filter(|beat| beat.device == seen.device);
-    heartbeat.for_each(|beat| mark(beat.address, 1));
+    heartbeat.for_each(|beat| mark(beat.address.register().unwrap(), 1));
     let signals = profile.signals.iter().filter(|signal| signal.device == seen.device);
     signals.filter_map(|signal| signal.capture).for_each(|capture| mark(capture.address, 1));
     assert!(!known.is_empty() && known.iter().all(|known| *known), "I1: {seen:?}");

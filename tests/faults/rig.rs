@@ -351,7 +351,7 @@ impl Trace {
     pub(crate) fn beats(&self) -> Vec<u16> {
         let Some(heartbeat) = &self.profile.heartbeat else { return Vec::new() };
         let beats = self.wire.iter().filter(|seen| {
-            seen.is_write() && seen.device == heartbeat.device && seen.address == heartbeat.address.into()
+            seen.is_write() && seen.device == heartbeat.device && seen.address == heartbeat.address
         });
         beats.map(|seen| seen.wanted[0]).collect()
     }

@@ -155,8 +155,8 @@ fn what_is_wrong_with_a_node_is_told_at_its_key() {
         "type = \"f64\"\n",
         "type = \"f64\"\nshare = \"ledger\"\n",
         "output.k0.share",
-        "share",
-        &["a Modbus device"],
+        "\"ledger",
+        &["no exact sum of two parts"],
     );
 }
 
@@ -165,7 +165,7 @@ fn two_outputs_never_write_one_node() {
     let second = SERVER.split_once("[output.k0]").unwrap().1;
     let text = format!("{SERVER}\n[output.again]{second}");
     let error = only_error(&text, "output.again.node", "\"ns=2");
-    assert!(error.to_string().contains("`k0` writes this node already"), "{error}");
+    assert!(error.to_string().contains("output `k0` writes this node already"), "{error}");
 }
 
 #[test]
@@ -176,4 +176,171 @@ fn a_node_belongs_to_a_server() {
         "source_time",
     );
     assert!(error.to_string().contains("a device on an OPC UA line"), "{error}");
+}
+
+/// The server with two outputs in a set that has every word it can have.
+const SET: &str = r#"set = "line"
+restart = { boot_counter = { node = "ns=2;s=boots" } }
+
+[axis.y]
+limit = 40.0
+step = 1.0
+rate = 0.5
+every = "10s"
+on_fault = { action = "hold" }
+
+[[axis.y.model]]
+name = "bed"
+kind = "linear"
+terms = [{ signal = "bed", gain = 1.2, reference = 20.0 }]
+
+[output.y0]
+axis = "y"
+device = "cnc"
+set = "line"
+writes = "offset"
+node = "ns=2;s=/Sinumerik/SEA/y"
+type = "i32"
+scale = 0.1
+
+[set.line]
+heartbeat = { node = "ns=2;s=beat", type = "i16" }
+control = { node = "ns=2;s=control", type = "u8" }
+version = { node = "ns=2;s=version", type = "u32", value = 17 }
+handshake = { strobe = { node = "ns=2;s=strobe", type = "bool" }, acknowledge = { node = "ns=2;s=taken" }, timeout = "1s" }
+
+[heartbeat]
+device = "cnc"
+node = "ns=2;s=life"
+type = "u16"
+every = "500ms"
+"#;
+
+/// The same with one piece of text replaced is refused with these words, at this key.
+#[track_caller]
+fn no_set(from: &str, to: &str, key: &str, at: &str, words: &[&str]) {
+    let text = format!("{SERVER}{SET}");
+    assert!(text.contains(from), "{from}");
+    let error = only_error(&text.replacen(from, to, 1), key, at);
+    for word in words {
+        assert!(error.to_string().contains(word), "`{word}` is not in: {error}");
+    }
+}
+
+#[test]
+fn a_set_in_nodes_is_one_call_with_each_value_in_its_node_s_own_type() {
+    let loaded = parse(&format!("{SERVER}{SET}")).unwrap_or_else(|errors| panic!("{errors}"));
+    assert_eq!(loaded.warnings, []);
+    let profile = &loaded.profile;
+    let nodes = profile.sets[0].nodes(profile);
+    let nodes: Vec<_> = nodes.iter().map(|node| (node.to_string(), node.taken_as().name())).collect();
+    let expected = [
+        ("ns=2;s=/Sinumerik/SEA/offset", "f64"),
+        ("ns=2;s=/Sinumerik/SEA/y", "i32"),
+        ("ns=2;s=beat", "i16"),
+        ("ns=2;s=control", "u8"),
+        ("ns=2;s=version", "u32"),
+    ];
+    assert_eq!(nodes, expected.map(|(node, kind)| (node.to_owned(), kind)));
+    let text = isotherm_profile::preview::Preview::of(profile).to_string();
+    for said in [
+        "set line: k0, y0 land together in cnc",
+        "one request: one call that writes 5 nodes, in an order of the server's: ns=2;s=/Sinumerik/SEA/offset (f64), ",
+        "heartbeat node ns=2;s=beat: counts up with every write",
+        "then strobe node ns=2;s=strobe up, acknowledge node ns=2;s=taken up within 1s, strobe down",
+        "heartbeat: node ns=2;s=life of cnc, u16, counts every 500ms",
+        "node ns=2;s=boots changes",
+    ] {
+        assert!(text.contains(said), "`{said}` is not in:\n{text}");
+    }
+    for said in ["registers", "function 0"] {
+        assert!(!text.contains(said), "`{said}` is in:\n{text}");
+    }
+}
+
+#[test]
+fn a_set_in_nodes_has_no_word_that_would_have_to_come_last() {
+    for key in ["sequence", "complement"] {
+        no_set(
+            "[set.line]\n",
+            &format!("[set.line]\n{key} = \"holding:100\"\n"),
+            &format!("set.line.{key}"),
+            key,
+            &["may write the nodes of a call in any order", "`handshake`"],
+        );
+    }
+    no_set(
+        "[set.line]\n",
+        "[set.line]\nzeros = true\n",
+        "set.line.zeros",
+        "zeros",
+        &["belongs to registers"],
+    );
+}
+
+#[test]
+fn what_is_wrong_with_the_words_of_a_set_in_nodes_is_told_at_their_keys() {
+    let beat = "{ node = \"ns=2;s=beat\", type = \"i16\" }";
+    no_set(beat, "\"holding:100\"", "set.line.heartbeat", "\"holding", &["this is an OPC UA server"]);
+    let untyped = "{ node = \"ns=2;s=beat\" }";
+    no_set(beat, untyped, "set.line.heartbeat.type", "heartbeat", &["`type` is missing"]);
+    let at_type = "set.line.heartbeat.type";
+    let small = beat.replace("i16", "u8");
+    no_set(beat, &small, at_type, "\"u8\"", &["u8 does not hold 32767"]);
+    no_set(beat, &beat.replace("i16", "f64"), at_type, "\"f64\"", &["no type for whole numbers"]);
+    no_set(
+        "type = \"u32\", value = 17",
+        "type = \"u8\", value = 4711",
+        "set.line.version.type",
+        "\"u8\"",
+        &["u8 does not hold 4711"],
+    );
+    no_set("s=taken", "s=strobe", "set.line.handshake.acknowledge", "{ node", &["the strobe itself"]);
+    no_set(
+        "\"ns=2;s=life\"",
+        "\"ns=2;s=beat\"",
+        "heartbeat.node",
+        "\"ns=2;s=beat",
+        &["the heartbeat of set line writes"],
+    );
+    no_set(
+        "s=strobe",
+        "s=/Sinumerik/SEA/y",
+        "set.line.handshake.strobe.node",
+        "\"ns=2",
+        &["output `y0` writes"],
+    );
+    no_set(
+        "node = \"ns=2;s=life\"\n",
+        "register = \"holding:1\"\nnode = \"ns=2;s=life\"\n",
+        "heartbeat.register",
+        "register",
+        &["a Modbus device"],
+    );
+    no_set(
+        "{ node = \"ns=2;s=boots\" }",
+        "\"holding:98\"",
+        "output.k0.restart.boot_counter",
+        "\"holding",
+        &["this is an OPC UA server"],
+    );
+}
+
+#[test]
+fn a_register_has_no_place_for_a_node() {
+    let with = |from: &str, to: &str| GRINDER.replacen(from, to, 1);
+    let restart = "share = \"whole\"\nrestart = { boot_counter = { node = \"ns=2;s=boots\" } }";
+    let text = with("share = \"whole\"", restart);
+    let error = only_error(&text, "output.cnc_z.restart.boot_counter", "{ node");
+    assert!(error.to_string().contains("belongs to an OPC UA server"), "{error}");
+    let text = with("register = \"holding:100\"", "register = \"holding:100\"\nnode = \"ns=2;s=life\"");
+    let error = only_error(&text, "heartbeat.node", "node");
+    assert!(error.to_string().contains("belongs to an OPC UA server"), "{error}");
+}
+
+#[test]
+fn an_operator_s_part_of_a_node_is_counted_in_whole_counts() {
+    let shared = SERVER.replace("type = \"f64\"\n", "type = \"i32\"\nscale = 0.1\nshare = \"ledger\"\n");
+    let profile = parse(&shared).unwrap_or_else(|errors| panic!("{errors}")).profile;
+    assert_eq!(profile.outputs[0].share, isotherm_profile::Share::Ledger);
 }

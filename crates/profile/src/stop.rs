@@ -10,7 +10,7 @@ const REST: Duration = Duration::from_secs(2);
 
 /// How long the fault actions take at most, where each axis has so far to go: with its Cz, and with its slope.
 pub fn fault_actions(profile: &Profile, ways: impl IntoIterator<Item = [Micron; 2]>) -> Duration {
-    let exchange = profile.sets.iter().filter_map(|set| Some(set.handshake?.timeout * 2)).max();
+    let exchange = profile.sets.iter().filter_map(|set| Some(set.handshake.as_ref()?.timeout * 2)).max();
     let settle = profile.outputs.iter().filter_map(|output| Some(output.applied.as_ref()?.settle)).max();
     let exchange = exchange.unwrap_or_default() + settle.unwrap_or_default();
     // A slope goes to zero beside Cz, in steps of the same size.

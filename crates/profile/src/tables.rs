@@ -237,7 +237,7 @@ impl Check<'_> {
         }
         can::written_frames(self);
         can::conflicts(self);
-        claims::one_writer_each(self);
+        claims::one_writer_each(self, heartbeat.as_ref());
         claims::check(self, heartbeat.as_ref());
         line_time::check(self);
         loose_ends::warn(self);

@@ -1,33 +1,21 @@
-//! What goes over the wire for a set: its registers, and the requests that carry them, as few as there can be.
+//! What goes over a Modbus line for a set: its registers, and the requests that carry them, as few as there can be.
 
 use std::collections::BTreeMap;
 
 use super::LineTurn;
+use super::together::{Found, Own};
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, Outcome};
 use crate::fieldbus::wire::Request;
-use isotherm_core::codec::{Encoded, Register, Table};
+use isotherm_core::codec::{Address, Encoded, Register, Table};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{DeviceId, Output, OutputSet, Profile, Stretch};
 
 /// What registers hold, by their offsets.
 pub(super) type Cells = BTreeMap<u16, u16>;
 
-/// The registers of a set that are nobody's value.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Own {
-    pub(super) sequence: Option<u16>,
-    pub(super) heartbeat: u16,
-    /// What the gateway does.
-    pub(super) control: u16,
-}
-
-pub(super) fn next_beat(beat: u16) -> u16 {
-    if beat >= 32767 { 0 } else { beat + 1 }
-}
-
 /// Every register of the set for these values, one for each member.
-pub(super) fn cells(profile: &Profile, set: &OutputSet, values: &[Encoded], own: Own) -> Cells {
+fn cells(profile: &Profile, set: &OutputSet, values: &[Encoded], own: Own) -> Cells {
     let mut cells = Cells::new();
     if set.zeros {
         for stretch in stretches(profile, set) {
@@ -39,9 +27,9 @@ pub(super) fn cells(profile: &Profile, set: &OutputSet, values: &[Encoded], own:
     }
     let own = [
         (set.sequence, own.sequence),
-        (set.heartbeat, Some(own.heartbeat)),
-        (set.control, Some(own.control)),
-        (set.version.map(|(at, _)| at), set.version.map(|(_, number)| number)),
+        (register(set.heartbeat.as_ref()), Some(own.heartbeat)),
+        (register(set.control.as_ref()), Some(own.control)),
+        (register(set.version.as_ref().map(|(at, _)| at)), set.version.as_ref().map(|(_, number)| *number)),
     ];
     cells.extend(own.into_iter().filter_map(|(at, word)| Some((at?.offset, word?))));
     if let Some(at) = set.complement {
@@ -52,13 +40,17 @@ pub(super) fn cells(profile: &Profile, set: &OutputSet, values: &[Encoded], own:
     cells
 }
 
+fn register(at: Option<&Address>) -> Option<Register> {
+    at.and_then(Address::register)
+}
+
 /// The requests that write or read the set, in their order.
 pub(super) fn stretches(profile: &Profile, set: &OutputSet) -> Vec<Stretch> {
     set.stretches(set.members(profile), profile.device(set.device).longest_request())
 }
 
 /// The registers of one member among what was read.
-pub(super) fn held(output: &Output, cells: &Cells) -> Encoded {
+fn held(output: &Output, cells: &Cells) -> Encoded {
     let count = output.encoding.data_type.registers();
     let first = output.address.register();
     first.map_or(Encoded::of(&[]), |first| {
@@ -72,21 +64,37 @@ fn registers(cells: &Cells, stretch: &Stretch) -> Vec<u16> {
     registers.map(|register| cells.get(&register).copied().unwrap_or_default()).collect()
 }
 
-/// Reads every register of the set into these cells. When the first question left.
-pub(super) async fn read(
-    turn: &mut LineTurn<'_>,
-    set: &OutputSet,
-    cells: &mut Cells,
-) -> Result<Moment, Fault> {
-    let mut asked = Moment::END;
-    for stretch in stretches(&turn.shared.profile, set) {
+/// Reads every register of the set.
+pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<Found, Fault> {
+    let profile = &turn.shared.profile;
+    let (mut cells, mut asked) = (Cells::new(), Moment::END);
+    for stretch in stretches(profile, set) {
         let from = Register { table: Table::Holding, offset: stretch.from };
         let request = Request::Read { from, count: stretch.count };
         let answered = turn.line.request(set.device, request, Leave::Whenever).await?;
         asked = asked.min(answered.asked);
         cells.extend((stretch.from..).zip(answered.answer.registers().iter().copied()));
     }
-    Ok(asked)
+    let cell = |at: Option<Register>| at.and_then(|at| cells.get(&at.offset)).copied();
+    Ok(Found {
+        values: set.members(profile).map(|output| held(output, &cells)).collect(),
+        sequence: cell(set.sequence),
+        heartbeat: cell(register(set.heartbeat.as_ref())),
+        asked,
+    })
+}
+
+/// Writes every register of the set.
+pub(super) async fn write_all(
+    turn: &mut LineTurn<'_>,
+    set: &OutputSet,
+    values: &[Encoded],
+    own: Own,
+    leave: Leave,
+) -> Result<(), (Fault, Outcome)> {
+    let profile = &turn.shared.profile;
+    let (cells, stretches) = (cells(profile, set, values, own), stretches(profile, set));
+    write(turn, set.device, &stretches, &cells, leave).await
 }
 
 /// Writes these cells, those of one stretch in one request. The first leaves as `leave` says; what belongs to it follows,
@@ -114,11 +122,6 @@ pub(super) async fn write(
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_heartbeat_of_a_set_goes_round_below_the_sign() {
-        assert_eq!((next_beat(0), next_beat(32766), next_beat(32767)), (1, 32767, 0));
-    }
 
     #[test]
     fn a_stretch_is_cut_out_of_the_registers_of_a_set() {

@@ -9,17 +9,17 @@ use crate::fieldbus::error::{Fault, Outcome};
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::Wait;
 use crate::gateway::storage::Steady;
-use isotherm_core::codec::{Encoded, Register as Address};
+use isotherm_core::codec::Encoded;
 use isotherm_core::compensation::AxisState;
 use isotherm_core::output::{Action, Fact};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Control, Profile, SetId};
 
-use super::cells::{self, Cells, Own};
 use super::order::Order;
 use super::register::Register;
 use super::strobe::{Stands, Strobe, Waited};
 use super::taking::Taking;
+use super::together::{self, Found, Own};
 use super::trouble::Access;
 use super::{LineTurn, RETRY, applied};
 
@@ -131,8 +131,8 @@ impl Set {
                     if !self.strobe.lower(turn).await {
                         return self.doubt(turn.shared);
                     }
-                    let handshake = turn.shared.profile.set(self.id).handshake;
-                    let timeout = handshake.map(|handshake| handshake.timeout);
+                    let handshake = &turn.shared.profile.set(self.id).handshake;
+                    let timeout = handshake.as_ref().map(|handshake| handshake.timeout);
                     self.strobe.wait_for(turn.shared, Wait::Release, timeout.unwrap_or_default());
                 }
                 (Waited::Over, Wait::Release) => self.is_taken(turn.shared),
@@ -251,7 +251,8 @@ impl Set {
 
     /// The acknowledge is down, so that the next one answers the next strobe.
     async fn is_clear(&mut self, turn: &mut LineTurn<'_>) -> Went {
-        let Some(handshake) = turn.shared.profile.set(self.id).handshake else { return Went::Well };
+        let shared = turn.shared;
+        let Some(handshake) = &shared.profile.set(self.id).handshake else { return Went::Well };
         if turn.shared.core().leaving {
             return Went::Well;
         }
@@ -271,26 +272,25 @@ impl Set {
     async fn read(&mut self, turn: &mut LineTurn<'_>) -> Option<Vec<Encoded>> {
         let profile = &turn.shared.profile;
         let set = profile.set(self.id);
-        let mut cells = Cells::new();
-        let read = cells::read(turn, set, &mut cells).await;
-        let values: Vec<Encoded> = set.members(profile).map(|output| cells::held(output, &cells)).collect();
-        for (register, found) in self.registers.iter_mut().zip(&values) {
-            match read {
-                Err(fault) if register.action == Action::Read => {
+        let Found { mut values, sequence, heartbeat, asked } = match together::read(turn, set).await {
+            Ok(found) => found,
+            Err(fault) => {
+                for register in self.registers.iter_mut().filter(|one| one.action == Action::Read) {
                     register.fail(turn.shared, fault, Access::Read);
                     register.comes_of(turn, Fact::NoAnswer);
                 }
-                Ok(asked) if register.may_hear_a_read() => {
-                    let found = register.units.found(found.registers());
-                    register.comes_of(turn, Fact::Read { found, asked });
-                }
-                _ => {}
+                return None;
+            }
+        };
+        self.taking.know_again(&mut values, &self.registers);
+        for (register, found) in self.registers.iter_mut().zip(&values) {
+            if register.may_hear_a_read() {
+                let found = register.units.found(found.registers());
+                register.comes_of(turn, Fact::Read { found, asked });
             }
         }
-        read.ok()?;
-        let cell = |at: Option<Address>| at.and_then(|at| cells.get(&at.offset)).copied();
-        self.beat = cell(set.heartbeat).unwrap_or(self.beat);
-        self.taking.stands(cell(set.sequence), &values, &mut self.registers, turn.line.looked());
+        self.beat = heartbeat.unwrap_or(self.beat);
+        self.taking.stands(sequence, &values, &mut self.registers, turn.line.looked());
         Some(values)
     }
 
@@ -304,11 +304,10 @@ impl Set {
         };
         let set = shared.profile.set(self.id);
         let sequence = set.sequence.map(|_| self.taking.sequence.next());
-        let heartbeat = if shared.head_lives(now) { cells::next_beat(self.beat) } else { self.beat };
+        let heartbeat = if shared.head_lives(now) { together::next_beat(self.beat) } else { self.beat };
         let control = self.control(shared);
-        let cells = cells::cells(&shared.profile, set, &values, Own { sequence, heartbeat, control });
-        let stretches = cells::stretches(&shared.profile, set);
-        let sent = cells::write(turn, set.device, &stretches, &cells, Leave::Here(not_after)).await;
+        let own = Own { sequence, heartbeat, control };
+        let sent = together::write(turn, set, &values, own, Leave::Here(not_after)).await;
         let fault = sent.err();
         let left = turn.line.looked();
         let may_have_arrived = fault.is_none_or(|(_, outcome)| outcome != Outcome::NotDone);

@@ -15,13 +15,14 @@ use std::time::Duration;
 
 use super::LineTurn;
 use crate::fieldbus::departure::Leave;
-use crate::fieldbus::error::{Fault, Outcome};
+use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::{Stand, Wait};
 use crate::observe::events::{Event, HandshakeFault};
+use isotherm_core::codec::{Address, DataType, Encoded};
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{DeviceId, Flag, SetId};
+use isotherm_profile::{Bit, DeviceId, SetId};
 
 /// How often the acknowledge is asked for at most.
 const ASK_EVERY: Duration = Duration::from_millis(20);
@@ -81,10 +82,11 @@ impl Strobe {
 
     /// Raises the strobe and begins to wait for the acknowledge.
     pub(super) async fn raise(&mut self, turn: &mut LineTurn<'_>) -> bool {
-        let Some(handshake) = turn.shared.profile.set(self.set).handshake else { return false };
+        let shared = turn.shared;
+        let Some(handshake) = &shared.profile.set(self.set).handshake else { return false };
         self.stands = Stands::Up;
         self.publish(turn.shared);
-        if let Err(fault) = self.write(turn, handshake.strobe, true).await {
+        if let Err(fault) = self.write(turn, &handshake.strobe, true).await {
             if fault.outcome() == Outcome::NotDone {
                 // It never went up.
                 self.stands = Stands::Down;
@@ -100,8 +102,9 @@ impl Strobe {
 
     /// Drops the strobe. Where that fails it is reported, and tried again.
     pub(super) async fn lower(&mut self, turn: &mut LineTurn<'_>) -> bool {
-        let Some(handshake) = turn.shared.profile.set(self.set).handshake else { return true };
-        if let Err(fault) = self.write(turn, handshake.strobe, false).await {
+        let shared = turn.shared;
+        let Some(handshake) = &shared.profile.set(self.set).handshake else { return true };
+        if let Err(fault) = self.write(turn, &handshake.strobe, false).await {
             self.report_failed(turn.shared, HandshakeFault::StrobeNotDropped, fault.to_string());
             return false;
         }
@@ -126,7 +129,8 @@ impl Strobe {
 
     /// Asks for the acknowledge, once.
     pub(super) async fn wait(&mut self, turn: &mut LineTurn<'_>) -> Waited {
-        let handshake = turn.shared.profile.set(self.set).handshake;
+        let shared = turn.shared;
+        let handshake = &shared.profile.set(self.set).handshake;
         let (Some((wait, until, ask)), Some(handshake)) = (self.waits, handshake) else {
             return Waited::Over;
         };
@@ -134,7 +138,7 @@ impl Strobe {
         if now < ask {
             return Waited::Still;
         }
-        let is_up = match self.read(turn, handshake.acknowledge).await {
+        let is_up = match self.read(turn, &handshake.acknowledge).await {
             Ok(is_up) => is_up,
             Err(fault) => {
                 self.failed(turn, HandshakeFault::AcknowledgeNotRead, fault.to_string()).await;
@@ -176,10 +180,11 @@ impl Strobe {
     fn report_failed(&mut self, shared: &LineHandle, fault: HandshakeFault, cause: String) {
         if self.reported.replace(fault) != Some(fault) {
             let set = shared.profile.set(self.set);
-            let register = set.handshake.map_or(String::new(), |handshake| match fault.is_of_the_strobe() {
-                true => handshake.strobe.to_string(),
-                false => handshake.acknowledge.to_string(),
-            });
+            let register =
+                set.handshake.as_ref().map_or(String::new(), |handshake| match fault.is_of_the_strobe() {
+                    true => handshake.strobe.to_string(),
+                    false => handshake.acknowledge.to_string(),
+                });
             shared.report(&Event::Handshake { set: set.label(), fault, register, cause });
         }
         self.publish(shared);
@@ -206,22 +211,36 @@ impl Strobe {
         }
     }
 
-    async fn write(&self, turn: &mut LineTurn<'_>, strobe: Flag, up: bool) -> Result<(), Fault> {
-        let at = strobe.address.offset;
-        let register = [if up { strobe.raised() } else { 0 }];
-        let request = match strobe.address.table.is_bits() {
-            true => Request::WriteCoil { at, value: up },
-            false => Request::write_holding(at, &register, turn.shared.profile.device(self.device).functions),
+    async fn write(&self, turn: &mut LineTurn<'_>, strobe: &Bit, up: bool) -> Result<(), Fault> {
+        let functions = turn.shared.profile.device(self.device).functions;
+        let (content, address) = match strobe {
+            Bit::Flag(flag) => (Encoded::of(&[if up { flag.raised() } else { 0 }]), flag.address.into()),
+            Bit::Node(node) => (node.word(u16::from(up)), Address::Node(node.clone())),
+        };
+        let request = match address.register() {
+            Some(register) if register.table.is_bits() => {
+                Request::WriteCoil { at: register.offset, value: up }
+            }
+            _ => Request::write(&address, content.registers(), functions),
         };
         turn.line.request(self.device, request, Leave::Whenever).await.map(|_| ())
     }
 
-    async fn read(&self, turn: &mut LineTurn<'_>, flag: Flag) -> Result<bool, Fault> {
-        let request = Request::Read { from: flag.address, count: 1 };
+    async fn read(&self, turn: &mut LineTurn<'_>, bit: &Bit) -> Result<bool, Fault> {
+        let (address, data_type) = match bit {
+            Bit::Flag(flag) => (flag.address.into(), DataType::U16),
+            Bit::Node(node) => (Address::Node(node.clone()), node.taken_as()),
+        };
+        let Some(request) = Request::read(&address, data_type) else {
+            return Err(Fault::Caller(CallerFault::Function));
+        };
         let answered = turn.line.request(self.device, request, Leave::Whenever).await?;
-        Ok(match answered.answer {
-            Answer::Bits(bits) => bits.first().copied().unwrap_or_default(),
-            answer => answer.registers().first().is_some_and(|register| flag.is_up(*register)),
+        Ok(match (answered.answer.believed()?, bit) {
+            (Answer::Bits(bits), _) => bits.first().copied().unwrap_or_default(),
+            (answer, Bit::Flag(flag)) => {
+                answer.registers().first().is_some_and(|register| flag.is_up(*register))
+            }
+            (answer, Bit::Node(_)) => answer.registers().iter().any(|word| *word != 0),
         })
     }
 }

@@ -18,8 +18,9 @@ use isotherm_profile::{Profile, SetId};
 #[derive(Debug)]
 pub(super) struct Taking {
     /// What its registers hold is what the control has taken: it comes with the sequence, or the control takes what it
-    /// finds.
+    /// finds. Never in nodes, where a call may be carried out by half.
     is_at_once: bool,
+    is_in_nodes: bool,
     /// What was sent and is to be taken.
     sent: Option<Vec<Encoded>>,
     /// What its outputs held when the control took them last.
@@ -40,18 +41,33 @@ impl Taking {
         registers: &mut [Register],
     ) -> Taking {
         let set = profile.set(id);
-        let is_at_once =
-            set.handshake.is_none() && (set.sequence.is_none() || stretches(profile, set).len() == 1);
+        let is_in_nodes = set.is_in_nodes(profile);
+        let is_in_one = set.sequence.is_none() || stretches(profile, set).len() == 1;
+        let is_at_once = set.handshake.is_none() && is_in_one && !is_in_nodes;
         let has_numbers = set.sequence.is_some();
         let is_bound = !was_in_order && (has_numbers || !is_at_once);
         registers.iter_mut().for_each(|register| register.is_bound = is_bound);
         Taking {
             is_at_once,
+            is_in_nodes,
             sent: None,
             taken: None,
             was_in_order,
             sequence: Sequence::default(),
             may_bear_an_old_number: is_bound && has_numbers,
+        }
+    }
+
+    /// A server may keep a number with fewer digits than it was sent with. What comes to the same counts as what was sent, or
+    /// taken, is that.
+    pub(super) fn know_again(&self, values: &mut [Encoded], registers: &[Register]) {
+        for (place, (value, register)) in values.iter_mut().zip(registers).enumerate() {
+            let counts = |value: &Encoded| register.units.found(value.registers());
+            let known = self.sent.iter().chain(&self.taken).filter_map(|values| values.get(place));
+            let mut known = known.filter(|_| self.is_in_nodes);
+            if let Some(known) = known.find(|known| counts(known) == counts(value)) {
+                *value = *known;
+            }
         }
     }
 

@@ -80,7 +80,8 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
             owned.push((place, again, width));
         }
     }
-    let heartbeat = profile.heartbeat.iter().map(|heartbeat| (heartbeat.device, heartbeat.address));
+    let heartbeat = profile.heartbeat.iter();
+    let heartbeat = heartbeat.filter_map(|beat| Some((beat.device, beat.address.register()?)));
     let of_sets = profile.sets.iter().flat_map(|set| Control::own(set).map(|at| (set.device, at)));
     let displays = profile
         .outputs

@@ -91,6 +91,11 @@ impl Address {
         if let Address::Modbus(register) = self { Some(*register) } else { None }
     }
 
+    /// The node that it is.
+    pub const fn node(&self) -> Option<&Node> {
+        if let Address::Node(node) = self { Some(node) } else { None }
+    }
+
     /// What is there comes by itself, in frames: nobody asks for it.
     pub const fn is_in_frames(&self) -> bool {
         matches!(self, Address::Frame(_))

@@ -66,6 +66,11 @@ impl Node {
         }
     }
 
+    /// A whole number that its type holds, as such registers.
+    pub fn word(&self, number: u16) -> Encoded {
+        self.taken_as().encode(u64::from(number))
+    }
+
     /// The number that such registers are, in the node's own type.
     pub fn scalar(&self, registers: &[u16]) -> Scalar {
         Scalar { data_type: self.taken_as(), bits: Encoded::of(registers).bits() }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::plan::{ReadRequest, ReadTarget};
 use crate::{
-    BusId, Capture, Device, DeviceId, Output, OutputSet, Profile, Share, Stretch, WriteFunction, Writes,
+    Bit, BusId, Capture, Device, DeviceId, Output, OutputSet, Profile, Share, Stretch, WriteFunction, Writes,
 };
 use isotherm_core::codec::{Address, Register, Table};
 use isotherm_core::reading::SignalId;
@@ -77,7 +77,8 @@ impl Traffic<'_> {
 
     fn heartbeat(&mut self) {
         if let Some(heartbeat) = &self.profile.heartbeat {
-            let frames = write_frames(self.profile.device(heartbeat.device), heartbeat.address, 1);
+            let at = heartbeat.address.register().unwrap_or(holding(0));
+            let frames = write_frames(self.profile.device(heartbeat.device), at, 1);
             self.ask(heartbeat.device, per(heartbeat.every), true, frames);
         }
     }
@@ -183,10 +184,15 @@ impl Traffic<'_> {
             self.ask(set.device, 2.0 * often, true, registers_read(stretch.count));
             self.ask(set.device, often, true, write_frames(device, at, stretch.count));
         }
-        if let Some(handshake) = set.handshake {
-            let asked = cells_read(handshake.acknowledge.address.table, 1);
+        if set.is_in_nodes(self.profile) {
+            self.ask(set.device, 2.0 * often, true, registers_read(1));
+            self.ask(set.device, often, true, write_frames(device, holding(0), 1));
+        }
+        if let Some(handshake) = &set.handshake {
+            let register = |bit: &Bit| bit.address().register().unwrap_or(holding(0));
+            let asked = cells_read(register(&handshake.acknowledge).table, 1);
             self.ask(set.device, f64::from(ASKS) * often, true, asked);
-            let strobe = write_frames(device, handshake.strobe.address, 1);
+            let strobe = write_frames(device, register(&handshake.strobe), 1);
             self.ask(set.device, 2.0 * often, true, strobe);
         }
     }

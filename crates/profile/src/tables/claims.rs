@@ -3,11 +3,10 @@
 use std::collections::{BTreeSet, HashMap, HashSet};
 
 use super::heartbeat::Heartbeat;
-use super::output::Output;
 use super::register::one;
 use super::{At, Check};
 use crate::DeviceId;
-use isotherm_core::codec::{Address, DataType, Register};
+use isotherm_core::codec::{Address, DataType, NodeId, Register};
 
 /// A stretch of registers that something reads or writes.
 struct Claim<'c> {
@@ -121,20 +120,23 @@ fn claims<'c>(check: &'c Check<'c>, heartbeat: Option<&Heartbeat>) -> Vec<Claim<
     for set in check.sets.right() {
         let at = set.at(check);
         let what = |key: &str| format!("the {key} of {}", set.label());
-        for (key, address) in set.own() {
+        for (key, address) in set.own().filter_map(|(key, at)| Some((key, at.register()?))) {
             claim(set.device, address, one(address), at.key(key), what(key), true);
         }
-        if let Some(handshake) = set.handshake {
-            let flags = [("strobe", handshake.strobe, true), ("acknowledge", handshake.acknowledge, false)];
-            for (key, flag, is_written) in flags {
+        if let Some(handshake) = &set.handshake {
+            let bits = [("strobe", &handshake.strobe, true), ("acknowledge", &handshake.acknowledge, false)];
+            for (key, bit, is_written) in bits {
+                let Some(register) = bit.address().register() else { continue };
                 let at = at.key("handshake").key(key);
-                claim(set.device, flag.address, one(flag.address), at, what(key), is_written);
+                claim(set.device, register, one(register), at, what(key), is_written);
             }
         }
     }
     if let Some(heartbeat) = heartbeat {
         let at = check.at("heartbeat").key("register");
-        claim(heartbeat.device, heartbeat.address, DataType::U16, at, "the heartbeat".to_owned(), true);
+        if let Some(register) = heartbeat.address.register() {
+            claim(heartbeat.device, register, DataType::U16, at, "the heartbeat".to_owned(), true);
+        }
     }
     claims
 }
@@ -175,23 +177,54 @@ fn runaway(check: &Check<'_>, claims: &[Claim<'_>]) {
     }
 }
 
-/// Two outputs in one node would undo each other; two devices may be one server.
-pub(super) fn one_writer_each(check: &Check<'_>) {
-    let server = |output: &Output| {
-        let bus = check.devices.get(output.device.0).and_then(|device| check.bus_of(device));
-        bus.map(|bus| bus.address.clone())
-    };
-    let written: Vec<&Output> =
-        check.outputs.right().filter(|output| matches!(output.address, Address::Node(_))).collect();
-    for (place, output) in written.iter().enumerate() {
-        let is_same = |first: &&&Output| first.address == output.address && server(first) == server(output);
+/// What is written into a node.
+struct Written<'c> {
+    /// The server's address: two devices may be one server.
+    server: String,
+    node: NodeId,
+    /// The key that names it.
+    at: At<'c>,
+    what: String,
+}
+
+/// Two that write one node would undo each other.
+pub(super) fn one_writer_each(check: &Check<'_>, heartbeat: Option<&Heartbeat>) {
+    let mut written = written(check, heartbeat);
+    // The later of two is the one to blame.
+    written.sort_by_key(|written| check.spans.rank(&written.at.path));
+    for (place, later) in written.iter().enumerate() {
+        let is_same = |first: &&Written<'_>| (&first.server, &first.node) == (&later.server, &later.node);
         if let Some(first) = written[..place].iter().find(is_same) {
-            let message = format!("the output `{}` writes this node already", first.name);
-            check
-                .at("output")
-                .key(&output.name)
-                .key("node")
-                .wrong(message, "give each output a node of its own");
+            let message = format!("{} writes this node already", first.what);
+            later.at.wrong(message, "one node has one writer: give each a node of its own");
         }
     }
+}
+
+fn written<'c>(check: &'c Check<'c>, heartbeat: Option<&Heartbeat>) -> Vec<Written<'c>> {
+    let mut all = Vec::new();
+    let mut writes = |device: DeviceId, address: &Address, at: At<'c>, what: String| {
+        let bus = check.devices.get(device.0).and_then(|device| check.bus_of(device));
+        let named = bus.map(|bus| bus.address.clone()).zip(address.node());
+        all.extend(named.map(|(server, node)| Written { server, node: node.id.clone(), at, what }));
+    };
+    for output in check.outputs.right() {
+        let at = check.at("output").key(&output.name).key("node");
+        writes(output.device, &output.address, at, format!("output `{}`", output.name));
+    }
+    for set in check.sets.right() {
+        let at = set.at(check);
+        for (key, address) in set.own() {
+            writes(set.device, &address, at.key(key).key("node"), format!("the {key} of {}", set.label()));
+        }
+        if let Some(handshake) = &set.handshake {
+            let at = at.key("handshake").key("strobe").key("node");
+            writes(set.device, &handshake.strobe.address(), at, format!("the strobe of {}", set.label()));
+        }
+    }
+    if let Some(heartbeat) = heartbeat {
+        let at = check.at("heartbeat").key("node");
+        writes(heartbeat.device, &heartbeat.address, at, "the heartbeat".to_owned());
+    }
+    all
 }

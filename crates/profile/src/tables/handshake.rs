@@ -1,40 +1,52 @@
 //! `handshake` of an output or a set: a strobe and its acknowledgement.
 
+use std::fmt;
 use std::time::Duration;
 
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::At;
+use super::opcua::{Place, read};
 use super::register::{Flag, Notation};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
-use isotherm_core::codec::Table;
+use isotherm_core::codec::{Address, Node, Table};
 
 /// A strobe and its acknowledgement.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Handshake")]
 pub(super) struct RawHandshake {
-    /// Ours, "take it": a coil ("coil:20"), a holding register (1 and 0), or one bit of one ("holding:101.3").
+    /// Ours, "take it": a coil ("coil:20"), a holding register (1 and 0), or one bit of one ("holding:101.3"); of an OPC UA
+    /// server a node (1 and 0): { node = "ns=2;s=…", type = "bool" }.
     #[schemars(required)]
-    strobe: Option<String>,
+    strobe: Option<Place>,
     /// The control's, "taken": a coil, a discrete input ("discrete:20"), a register (0 or not), or one bit of one
-    /// ("input:16.0").
+    /// ("input:16.0"); of an OPC UA server a node (0 or not): { node = "ns=2;s=…" }.
     #[schemars(required)]
-    acknowledge: Option<String>,
+    acknowledge: Option<Place>,
     /// Longest wait for the acknowledge to come, and again for it to drop.
     #[schemars(required)]
     timeout: Option<Timespan>,
 }
 
+/// One bit of a handshake.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Bit {
+    /// Of a Modbus device.
+    Flag(Flag),
+    /// Of an OPC UA server: 0 or not.
+    Node(Node),
+}
+
 /// A strobe and its acknowledgement.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Handshake {
     /// Ours: "take it".
-    pub strobe: Flag,
+    pub strobe: Bit,
     /// The control's: "taken".
-    pub acknowledge: Flag,
+    pub acknowledge: Bit,
     /// Longest wait for the acknowledge to rise, and again for it to drop.
     pub timeout: Duration,
 }
@@ -42,13 +54,18 @@ pub struct Handshake {
 impl Handshake {
     /// Its two exchanges; `function` writes one register of its device.
     pub(super) fn preview(&self, function: u8) -> Section {
-        let function = if self.strobe.address.table.is_bits() { 5 } else { function };
-        let (strobe, acknowledge) = (Notation::from(self.strobe), Notation::from(self.acknowledge));
+        let function = match &self.strobe {
+            Bit::Flag(flag) if flag.address.table.is_bits() => 5,
+            Bit::Flag(_) => function,
+            Bit::Node(_) => 0,
+        };
+        let (strobe, acknowledge) = (self.strobe.notation(), self.acknowledge.notation());
         let timeout = shown(self.timeout);
+        let by = if function == 0 { String::new() } else { format!(" (function {function:02})") };
         let mut section = Section::default();
         section.line(format!(
-            "    then strobe {strobe} up (function {function:02}), acknowledge {acknowledge} up within {timeout}, strobe \
-             down, acknowledge down within {timeout}"
+            "    then strobe {strobe} up{by}, acknowledge {acknowledge} up within {timeout}, strobe down, acknowledge down \
+             within {timeout}"
         ));
         section.json("strobe", strobe);
         section.entry("function", function);
@@ -59,9 +76,23 @@ impl Handshake {
 }
 
 impl RawHandshake {
-    pub(super) fn resolve(&self, at: &At<'_>, device: Option<usize>) -> Option<Handshake> {
+    pub(super) fn resolve(&self, at: &At<'_>, device: Option<usize>, is_in_nodes: bool) -> Option<Handshake> {
         let timeout = at.key("timeout").duration(self.timeout);
         let (at_strobe, at_acknowledge) = (at.key("strobe"), at.key("acknowledge"));
+        if is_in_nodes {
+            let strobe = self.strobe.as_ref()?.word(&at_strobe, true, 1);
+            let acknowledge = match self.acknowledge.as_ref()? {
+                Place::Node(raw) => read(&at_acknowledge, raw.node.as_ref(), raw.kind),
+                Place::Register(_) => self.acknowledge.as_ref()?.is_foreign(&at_acknowledge, true),
+            };
+            let (Some(Address::Node(strobe)), Some(acknowledge)) = (strobe, acknowledge) else { return None };
+            if strobe.id == acknowledge.id {
+                itself(&at_acknowledge, &strobe);
+                return None;
+            }
+            let (strobe, acknowledge) = (Bit::Node(strobe), Bit::Node(acknowledge));
+            return Some(Handshake { strobe, acknowledge, timeout: timeout? });
+        }
         let strobe = flag(&at_strobe, self.strobe.as_ref());
         let acknowledge = flag(&at_acknowledge, self.acknowledge.as_ref());
         if let Some(strobe) = strobe.filter(|strobe| !strobe.address.table.is_writable()) {
@@ -71,9 +102,7 @@ impl RawHandshake {
         }
         let (strobe, acknowledge) = (strobe?, acknowledge?);
         if strobe.address == acknowledge.address {
-            let message =
-                format!("{} is the strobe itself: it would acknowledge at once", acknowledge.address);
-            at_acknowledge.wrong(message, "name what the control raises when it has taken the value");
+            itself(&at_acknowledge, &acknowledge.address);
             return None;
         }
         if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
@@ -88,14 +117,56 @@ impl RawHandshake {
             }
             device.must_read(&at_acknowledge, acknowledge.address.table);
         }
+        let (strobe, acknowledge) = (Bit::Flag(strobe), Bit::Flag(acknowledge));
         Some(Handshake { strobe, acknowledge, timeout: timeout? })
     }
 }
 
-fn flag(at: &At<'_>, text: Option<&String>) -> Option<Flag> {
+impl Bit {
+    /// The register or node that it is, or is in.
+    pub fn address(&self) -> Address {
+        match self {
+            Bit::Flag(flag) => flag.address.into(),
+            Bit::Node(node) => Address::Node(node.clone()),
+        }
+    }
+
+    /// It, of a Modbus device.
+    pub const fn flag(&self) -> Option<Flag> {
+        if let Bit::Flag(flag) = self { Some(*flag) } else { None }
+    }
+
+    fn notation(&self) -> Notation {
+        match self {
+            Bit::Flag(flag) => Notation::from(*flag),
+            Bit::Node(node) => Notation::of(&self.address(), node.taken_as()),
+        }
+    }
+}
+
+/// `holding:101.3`, `node ns=2;s=…`.
+impl fmt::Display for Bit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Bit::Flag(flag) => flag.fmt(f),
+            Bit::Node(_) => self.address().fmt(f),
+        }
+    }
+}
+
+fn itself(at: &At<'_>, strobe: &impl fmt::Display) {
+    let message = format!("{strobe} is the strobe itself: it would acknowledge at once");
+    at.wrong(message, "name what the control raises when it has taken the value");
+}
+
+fn flag(at: &At<'_>, place: Option<&Place>) -> Option<Flag> {
+    let text = match place? {
+        Place::Register(text) => text,
+        node @ Place::Node(_) => return node.is_foreign(at, false),
+    };
     let report = |message: String| {
         let help = "allowed: \"coil:20\", \"discrete:20\", \"input:16\", \"input:16.0\", \"holding:101\"";
         at.wrong(message, help);
     };
-    text?.parse().map_err(report).ok()
+    text.parse().map_err(report).ok()
 }

@@ -1,4 +1,4 @@
-//! `[heartbeat]`: the register that counts while the gateway lives.
+//! `[heartbeat]`: the register or node that counts while the gateway lives.
 
 use std::time::Duration;
 
@@ -7,13 +7,17 @@ use serde::Deserialize;
 
 use super::At;
 use super::bus::LineKind;
-use super::register::{Notation, holding};
+use super::opcua::{holds, written};
+use super::register::{Notation, TypeWord, holding};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
 use crate::{DeviceId, Profile};
-use isotherm_core::codec::Register;
+use isotherm_core::codec::{Address, DataType, Node};
 
-/// A register that counts while the gateway lives.
+/// A heartbeat that goes round sooner is hardly one.
+const FEW: u16 = 100;
+
+/// A register, or a node of an OPC UA server, that counts while the gateway lives.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Heartbeat")]
@@ -22,34 +26,51 @@ pub(crate) struct RawHeartbeat {
     #[schemars(required)]
     pub(super) device: Option<String>,
     /// A holding register, 16 bits.
-    #[schemars(required)]
     register: Option<String>,
+    /// A node of an OPC UA server: "ns=2;s=…".
+    node: Option<String>,
+    /// The node's own type, a whole number; required with a node.
+    #[serde(rename = "type")]
+    kind: Option<TypeWord>,
     /// How often it counts.
     #[schemars(required)]
     pub(super) every: Option<Timespan>,
 }
 
-/// The register that counts while the gateway lives.
+/// The register or node that counts while the gateway lives.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Heartbeat {
     /// Where.
     pub device: DeviceId,
-    /// A holding register.
-    pub address: Register,
+    /// A holding register, or a node.
+    pub address: Address,
     /// How often it counts.
     pub every: Duration,
 }
 
 impl Heartbeat {
+    /// How it lies there.
+    pub fn data_type(&self) -> DataType {
+        self.address.node().map_or(DataType::U16, Node::taken_as)
+    }
+
+    /// What follows this count: it goes round above zero, as far as 16 bits of its type do.
+    pub fn after(&self, count: u16) -> u16 {
+        let highest = self.data_type().integer_range().map_or(0, |(_, highest)| highest);
+        let highest = u16::try_from(highest).unwrap_or(u16::MAX);
+        if count >= highest { 0 } else { count + 1 }
+    }
+
     /// Where it counts, and how often.
     pub(crate) fn preview(&self, profile: &Profile) -> Section {
         let device = profile.device(self.device);
-        let function = device.functions.write_code(1);
-        let (device, register, every) = (&device.name, Notation::from(self.address), shown(self.every));
+        let function = self.address.register().map_or(0, |_| device.functions.write_code(1));
+        let by = if function == 0 { String::new() } else { format!("; function {function:02}, 1 register") };
+        let data_type = self.data_type();
+        let register = Notation::of(&self.address, data_type);
+        let (device, every, name) = (&device.name, shown(self.every), data_type.name());
         let mut section = Section::default();
-        section.line(format!(
-            "  heartbeat: {register} of {device}, u16, counts every {every}; function {function:02}, 1 register"
-        ));
+        section.line(format!("  heartbeat: {register} of {device}, {name}, counts every {every}{by}"));
         section.entry("device", device);
         section.json("register", register);
         section.entry("every", every);
@@ -62,19 +83,35 @@ impl RawHeartbeat {
     pub(super) fn resolve(&self, at: &At<'_>) -> Option<Heartbeat> {
         let every = at.key("every").period(self.every);
         let index = at.key("device").named(&at.check.devices, self.device.as_ref());
-        let address = holding(&at.key("register"), self.register.as_ref());
-        let kind = at.check.line_kind(self.device.as_ref());
-        if kind.is_some_and(|kind| kind != LineKind::Modbus) {
-            let help = match kind {
-                Some(LineKind::Can) => {
-                    "name a Modbus device; a CANopen node has a heartbeat consumer of its own, object 1016"
+        let address = match at.check.line_kind(self.device.as_ref()) {
+            Some(LineKind::OpcUa) => {
+                at.foreign(&["register"], "a Modbus device", "remove it, and write node = \"ns=2;s=…\"");
+                let node = written(at, self.node.as_ref(), self.kind)?;
+                holds(at, &node, FEW)?;
+                Some(Address::Node(node))
+            }
+            Some(LineKind::Can) => {
+                let help =
+                    "name a Modbus device; a CANopen node has a heartbeat consumer of its own, object 1016";
+                at.key("device").wrong("the heartbeat is a register, and this device has none", help);
+                return None;
+            }
+            _ => {
+                let help = "remove it, and write register = \"holding:100\"";
+                at.foreign(&["node", "type"], "an OPC UA server", help);
+                let place = at.key("register");
+                if self.register.is_none() {
+                    place.missing(
+                        "`register` is missing: where does it count?",
+                        "write a holding register, as \"holding:100\"",
+                    );
                 }
-                _ => "name a Modbus device; an OPC UA server notices by itself that a client is gone",
-            };
-            at.key("device").wrong("the heartbeat is a register, and this device has none", help);
-            return None;
-        }
-        if let Some(device) = index.and_then(|index| at.check.devices.get(index)) {
+                holding(&place, self.register.as_ref()).map(Address::from)
+            }
+        };
+        let is_register = address.as_ref().is_some_and(|address| address.register().is_some());
+        let device = index.and_then(|index| at.check.devices.get(index));
+        if let Some(device) = device.filter(|_| is_register) {
             device.must_write(&at.key("register"), 1);
         }
         Some(Heartbeat { device: DeviceId(index?), address: address?, every: every? })

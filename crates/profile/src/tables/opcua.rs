@@ -1,11 +1,11 @@
-//! What is written of OPC UA at signals, outputs and devices: nodes, their types, and what their time stamps mean.
+//! What is written of OPC UA at signals, outputs, sets and devices: nodes, their types, and what their time stamps mean.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::At;
-use super::register::TypeWord;
-use isotherm_core::codec::{DataType, Node, NodeId};
+use super::register::{TypeWord, holding};
+use isotherm_core::codec::{Address, DataType, Node, NodeId};
 
 /// What the time says that a server stamps a value with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -17,6 +17,74 @@ pub enum SourceTime {
     Sampled,
     /// When it changed last, which says nothing of its age.
     Changed,
+}
+
+/// Where a word or a bit is that is no output's value: in a register, or in a node of an OPC UA server.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(untagged)]
+#[schemars(rename = "WordPlace", description = "")]
+pub(super) enum Place {
+    Register(String),
+    Node(RawNode),
+}
+
+/// A node of an OPC UA server.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+// The walk chooses among alternatives by the types that it sees: not a `$ref` to it.
+#[schemars(rename = "NodePlace", inline)]
+pub(super) struct RawNode {
+    /// A node of an OPC UA server: "ns=2;s=…".
+    #[schemars(required)]
+    pub(super) node: Option<String>,
+    /// The node's own type; required where it is written.
+    #[serde(rename = "type")]
+    pub(super) kind: Option<TypeWord>,
+}
+
+impl Place {
+    /// The register or node of a word that is written and counts up to this.
+    pub(super) fn word(&self, at: &At<'_>, is_in_nodes: bool, most: u16) -> Option<Address> {
+        match (self, is_in_nodes) {
+            (Place::Register(text), false) => holding(at, Some(text)).map(Address::Modbus),
+            (Place::Node(raw), true) => Some(Address::Node(raw.word(at, most)?)),
+            _ => self.is_foreign(at, is_in_nodes),
+        }
+    }
+
+    /// It is on another kind of line.
+    pub(super) fn is_foreign<T>(&self, at: &At<'_>, is_in_nodes: bool) -> Option<T> {
+        match is_in_nodes {
+            true => at.wrong(
+                "a register is on Modbus, and this is an OPC UA server",
+                "write { node = \"ns=2;s=…\" }, and its type",
+            ),
+            false => at.wrong("a node belongs to an OPC UA server", "write a register, as \"holding:100\""),
+        }
+        None
+    }
+}
+
+impl RawNode {
+    /// The node of a word that is written and counts up to this.
+    pub(super) fn word(&self, at: &At<'_>, most: u16) -> Option<Node> {
+        let node = written(at, self.node.as_ref(), self.kind)?;
+        holds(at, &node, most)?;
+        Some(node)
+    }
+}
+
+/// A whole number up to this fits a node.
+pub(super) fn holds(at: &At<'_>, node: &Node, most: u16) -> Option<()> {
+    let name = node.taken_as().name();
+    let message = match node.taken_as().integer_range() {
+        Some((_, highest)) if highest >= i128::from(most) => return Some(()),
+        Some(_) => format!("{name} does not hold {most}"),
+        None => format!("{name} is no type for whole numbers"),
+    };
+    at.key("type")
+        .wrong(message, "it must be the node's own: name another node, as of type u16, i16, u32 or i32");
+    None
 }
 
 /// The types that a node may have, as a profile names them.

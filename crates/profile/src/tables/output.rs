@@ -266,7 +266,7 @@ impl RawOutput {
         self.foreign_keys(at, kind);
         let Target { address, encoding, verify, share, applied, display } = match kind {
             Some(LineKind::Can) => self.on_can(at, name, device)?,
-            Some(LineKind::OpcUa) => self.in_a_node(at)?,
+            Some(LineKind::OpcUa) => self.in_a_node(at, device)?,
             _ => self.in_registers(at, device)?,
         };
         if share == Share::Ledger && refresh.is_some() {
@@ -321,17 +321,9 @@ impl RawOutput {
 
     fn foreign_to_a_server(&self, at: &At<'_>, device: &str) {
         let help = format!("`{device}` is an OPC UA server: remove it; a value is written by node");
-        let of_modbus =
-            ["register", "word_order", "byte_swap", "beside", "stale", "set", "handshake", "read_back"];
+        let of_modbus = ["register", "word_order", "byte_swap", "beside", "stale", "read_back"];
         at.foreign(&of_modbus, "a Modbus device", &help);
         at.foreign(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
-        if at.key("restart").has("boot_counter") {
-            at.foreign(&["restart"], "a Modbus device", &help);
-        }
-        if self.share == Some(Share::Ledger) {
-            let message = "a share of an operator's register belongs to a Modbus device";
-            at.key("share").wrong_key(message, help);
-        }
     }
 
     /// Whether it is said to write something else than a corrected position.
@@ -387,7 +379,7 @@ impl RawOutput {
         Some(Target { address: address.into(), encoding, verify, share, applied, display })
     }
 
-    fn in_a_node(&self, at: &At<'_>) -> Option<Target> {
+    fn in_a_node(&self, at: &At<'_>, device: Option<usize>) -> Option<Target> {
         let node = opcua::written(at, self.node.as_ref(), self.kind);
         let data_type = node.as_ref().map(Node::taken_as);
         not_one_bit(&at.key("type"), data_type);
@@ -395,9 +387,10 @@ impl RawOutput {
         let (node, data_type) = (node?, data_type?);
         let bias = self.bias(&at.key("bias"), data_type);
         let verify = if self.is_believed_by_its_echo() { Verify::Echo } else { Verify::ReadBack };
+        let share = share::resolve(self, at, data_type, device);
         let encoding = Encoding { scale: scale?, bias, ..plain(data_type) };
         let (applied, display) = (None, Display::default());
-        Some(Target { address: Address::Node(node), encoding, verify, share: Share::Whole, applied, display })
+        Some(Target { address: Address::Node(node), encoding, verify, share, applied, display })
     }
 
     /// The worth of one count, at its key.

@@ -1,18 +1,19 @@
-//! `restart` of an output: a boot counter, a register of the CNC that changes at every start, read as a signal of its
-//! device.
+//! `restart` of an output: a boot counter, a register or node of the CNC that changes at every start, read as a signal of
+//! its device.
 
 use std::time::Duration;
 
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::Check;
 use super::device::Device;
+use super::opcua::{Place, read};
 use super::register::{plain, register};
 use super::signal::Signal;
 use super::signal::unit::Unit;
+use super::{At, Check};
 use crate::DeviceId;
-use isotherm_core::codec::{DataType, Register};
+use isotherm_core::codec::{Address, DataType, Node};
 use isotherm_core::reading::SignalId;
 
 /// How a restart of the CNC is seen.
@@ -20,15 +21,16 @@ use isotherm_core::reading::SignalId;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Restart")]
 pub(super) struct RawRestart {
-    /// A register that changes at every start of the CNC, read with the device's signals.
+    /// A register that changes at every start of the CNC, read with the device's signals; of an OPC UA server a node:
+    /// { node = "ns=2;s=…" }.
     #[schemars(required)]
-    boot_counter: Option<String>,
+    boot_counter: Option<Place>,
 }
 
 /// The boot counter of a device.
 struct Known {
     device: DeviceId,
-    address: Register,
+    address: Address,
     signal: SignalId,
     /// Where the first output names it, as `profiles/x.toml:41`.
     line: String,
@@ -45,7 +47,7 @@ pub(super) fn boot_counters(check: &mut Check<'_>) {
                 let signal = SignalId(check.signals.resolved.len());
                 let Some(of) = check.devices.get(device.0) else { continue };
                 let timeout = check.bus_of(of).map_or(Duration::ZERO, |bus| bus.timeout);
-                let counter = counter(of, device, address, timeout);
+                let counter = counter(of, device, address.clone(), timeout);
                 check.signals.resolved.push(Some(counter));
                 known.push(Known { device, address, signal, line });
                 signal
@@ -58,26 +60,24 @@ pub(super) fn boot_counters(check: &mut Check<'_>) {
 }
 
 /// The device, the register and the line of the boot counter that an output rightly names.
-fn boot_counter(check: &Check<'_>, place: usize, known: &[Known]) -> Option<(DeviceId, Register, String)> {
+fn boot_counter(check: &Check<'_>, place: usize, known: &[Known]) -> Option<(DeviceId, Address, String)> {
     let name = &check.outputs.names[place];
-    let text = check.raw.output.get(name)?.restart.as_ref()?.boot_counter.as_ref()?;
+    let counts = check.raw.output.get(name)?.restart.as_ref()?.boot_counter.as_ref()?;
     let at = check.at("output").key(name).key("restart").key("boot_counter");
-    let address = register(&at, Some(text))?;
-    if address.table.is_bits() {
-        let help = "write a holding or input register, as \"holding:98\"; one bit is watched by machine.on";
-        at.wrong(format!("{address} is one bit: it cannot count"), help);
-        return None;
-    }
     let output = check.outputs.get(place)?;
+    let address = counts_there(&at, counts, output.address.node().is_some())?;
     if output.writes.position().is_some() {
         let help = "remove `restart`: nothing has to walk in again there";
         at.wrong_key("a corrected position is written anew with each position", help);
         return None;
     }
     let device = check.devices.get(output.device.0)?;
-    device.must_read(&at, address.table);
+    if let Some(register) = address.register() {
+        device.must_read(&at, register.table);
+    }
     let other = known.iter().find(|known| known.device == output.device && known.address != address);
     if let Some(Known { address, line, .. }) = other {
+        let address = address.register().map_or_else(|| address.to_string(), |register| register.to_string());
         let message = format!("`{}` has its boot counter at {address} already ({line})", device.name);
         at.wrong(message, "a device is started as a whole: give its outputs the same one");
         return None;
@@ -85,14 +85,31 @@ fn boot_counter(check: &Check<'_>, place: usize, known: &[Known]) -> Option<(Dev
     Some((output.device, address, at.line()))
 }
 
+/// Where it counts.
+fn counts_there(at: &At<'_>, place: &Place, is_in_nodes: bool) -> Option<Address> {
+    let text = match (place, is_in_nodes) {
+        (Place::Register(text), false) => text,
+        (Place::Node(raw), true) => return read(at, raw.node.as_ref(), raw.kind).map(Address::Node),
+        _ => return place.is_foreign(at, is_in_nodes),
+    };
+    let address = register(at, Some(text))?;
+    if address.table.is_bits() {
+        let help = "write a holding or input register, as \"holding:98\"; one bit is watched by machine.on";
+        at.wrong(format!("{address} is one bit: it cannot count"), help);
+        return None;
+    }
+    Some(address.into())
+}
+
 /// The dot keeps its name apart from those that a profile can give.
-fn counter(device: &Device, id: DeviceId, address: Register, timeout: Duration) -> Signal {
+fn counter(device: &Device, id: DeviceId, address: Address, timeout: Duration) -> Signal {
+    let data_type = address.node().map_or(DataType::U16, Node::taken_as);
     Signal {
         label: String::new(),
         name: format!("{}.boot_counter", device.name),
         device: id,
-        address: address.into(),
-        encoding: plain(DataType::U16),
+        address,
+        encoding: plain(data_type),
         unit: Unit("count"),
         range: None,
         max_rate: None,

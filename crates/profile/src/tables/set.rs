@@ -8,48 +8,42 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::handshake::{Handshake, RawHandshake};
+use super::opcua::Place;
 use super::output::Output;
 use super::output::share::Share;
 use super::register::{Notation, holding};
 use super::{At, Check};
 use crate::document::{Json, Section};
-use crate::duration::shown;
 use crate::{DeviceId, OutputId, Profile, SetId};
-use isotherm_core::codec::{Register, Table};
+use isotherm_core::codec::{Address, DataType, Node, Register, Table};
+use words::RawVersion;
+
+mod waits;
+mod words;
 
 /// Outputs of one device that a control must see together or not at all.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Set")]
 pub(crate) struct RawSet {
-    /// A holding register that counts up with every whole set, written last: the control takes the set when it changes.
+    /// A holding register that counts up with every whole set, written last: the control takes the set when it changes. Not
+    /// of an OPC UA server.
     sequence: Option<String>,
     /// A holding register that counts up with every write of the set, 0 to 32767: the control sees the gateway die.
-    heartbeat: Option<String>,
+    /// Of an OPC UA server a node: { node = "ns=2;s=…", type = "i16" }.
+    heartbeat: Option<Place>,
     /// A holding register that says what the gateway does: bit 0 all its axes are armed, bit 1 one keeps its value, bit 2
-    /// one takes its fault action, bit 3 one follows a fallback model.
-    control: Option<String>,
-    /// A holding register with a number that control and profile agree on.
+    /// one takes its fault action, bit 3 one follows a fallback model. Of an OPC UA server a node:
+    /// { node = "ns=2;s=…", type = "u16" }.
+    control: Option<Place>,
+    /// A holding register, or a node of an OPC UA server, with a number that control and profile agree on.
     version: Option<RawVersion>,
     /// Registers between its words that are nobody's are written as 0, so that one request carries all of it. Default false.
     zeros: Option<bool>,
-    /// A holding register for the check word: all other words of the set summed to 16 bits, inverted.
+    /// A holding register for the check word: all other words of the set summed to 16 bits, inverted. Not of an OPC UA server.
     complement: Option<String>,
     /// A strobe and its acknowledgement around each write of the set.
     handshake: Option<RawHandshake>,
-}
-
-/// A number that control and profile agree on.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "Version")]
-struct RawVersion {
-    /// A holding register.
-    #[schemars(required)]
-    register: Option<String>,
-    /// The number.
-    #[schemars(required)]
-    value: Option<u16>,
 }
 
 /// Outputs of one device that are written as one. An output with a handshake of its own is a set of one.
@@ -67,12 +61,12 @@ pub struct OutputSet {
     pub sequence: Option<Register>,
     /// All other words of the set, the sequence with them, summed to 16 bits and inverted: one register.
     pub complement: Option<Register>,
-    /// Counts up with every write: one register, 0 to 32767.
-    pub heartbeat: Option<Register>,
-    /// What the gateway does, in bits: one register. See [`Control`].
-    pub control: Option<Register>,
+    /// Counts up with every write: one register or node, 0 to 32767.
+    pub heartbeat: Option<Address>,
+    /// What the gateway does, in bits: one register or node. See [`Control`].
+    pub control: Option<Address>,
     /// A number that control and profile agree on.
-    pub version: Option<(Register, u16)>,
+    pub version: Option<(Address, u16)>,
     /// Registers between its words are written as 0.
     pub zeros: bool,
     /// How the control is asked to take it.
@@ -92,6 +86,17 @@ impl Control {
     pub const FAULT: u16 = 4;
     /// One of them follows a fallback model.
     pub const DEGRADED: u16 = 8;
+}
+
+/// A word that a set writes into a node besides its outputs' values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OwnWord {
+    /// The count of its writes.
+    Heartbeat,
+    /// What the gateway does.
+    Control,
+    /// The number that control and profile agree on.
+    Version(u16),
 }
 
 /// Registers side by side: one request.
@@ -114,16 +119,32 @@ impl OutputSet {
         check.at(if self.is_named { "set" } else { "output" }).key(&self.name)
     }
 
-    /// The registers that it writes besides its outputs', with their keys.
-    pub(super) fn own(&self) -> impl Iterator<Item = (&'static str, Register)> {
+    /// Where it writes besides its outputs, with the keys.
+    pub(super) fn own(&self) -> impl Iterator<Item = (&'static str, Address)> {
         let own = [
-            ("sequence", self.sequence),
-            ("complement", self.complement),
-            ("heartbeat", self.heartbeat),
-            ("control", self.control),
-            ("version", self.version.map(|(at, _)| at)),
+            ("sequence", self.sequence.map(Address::from)),
+            ("complement", self.complement.map(Address::from)),
+            ("heartbeat", self.heartbeat.clone()),
+            ("control", self.control.clone()),
+            ("version", self.version.as_ref().map(|(at, _)| at.clone())),
         ];
-        own.into_iter().filter_map(|(key, register)| Some((key, register?)))
+        own.into_iter().filter_map(|(key, at)| Some((key, at?)))
+    }
+
+    /// The registers that it writes besides its outputs'.
+    pub fn own_registers(&self) -> impl Iterator<Item = Register> {
+        self.own().filter_map(|(_, at)| at.register())
+    }
+
+    /// The nodes that it writes besides its outputs', in the order in which they are written.
+    pub fn own_nodes(&self) -> impl Iterator<Item = (OwnWord, &Node)> {
+        let version = self.version.as_ref().map(|(at, number)| (OwnWord::Version(*number), at));
+        let own = [
+            self.heartbeat.as_ref().map(|at| (OwnWord::Heartbeat, at)),
+            self.control.as_ref().map(|at| (OwnWord::Control, at)),
+            version,
+        ];
+        own.into_iter().flatten().filter_map(|(word, at)| Some((word, at.node()?)))
     }
 
     /// What lands together: its requests, its sequence and check word, its handshake.
@@ -140,7 +161,7 @@ impl OutputSet {
             let modicon = format!("{}..{}", first.modicon(), last.modicon());
             format!("{first}..{} ({modicon}), {count} registers, function {code:02}", last.offset)
         });
-        let requests: Vec<String> = requests.collect();
+        let requests: Vec<String> = requests.chain(self.call(profile)).collect();
         let (what, device) = (self.label(), &device.name);
         let outputs: Vec<&str> = self.members(profile).map(|output| output.name.as_str()).collect();
         let mut section = Section::default();
@@ -159,7 +180,7 @@ impl OutputSet {
         if self.zeros {
             section.line("    registers in it that are nobody's are written as 0");
         }
-        let version = self.version.map(|(_, number)| format!("always {number}")).unwrap_or_default();
+        let version = self.version.as_ref().map(|(_, number)| format!("always {number}")).unwrap_or_default();
         for (key, meaning) in [
             ("heartbeat", "counts up with every write, 0 to 32767"),
             ("control", "bit 0 armed, 1 hold, 2 fault, 3 fallback model"),
@@ -167,9 +188,8 @@ impl OutputSet {
             ("sequence", "counts up with every whole set, 1 to 65535; take the set when it changes"),
             ("complement", "all its other words summed to 16 bits, inverted"),
         ] {
-            let register = self.own().find(|(own, _)| *own == key).map(|(_, register)| register);
-            let line = |register| format!("    {key} {}: {meaning}", Notation::from(register));
-            section.lines("", register.map(line));
+            let at = self.own().find(|(own, _)| *own == key).map(|(_, at)| notation(&at));
+            section.lines("", at.map(|at| format!("    {key} {at}: {meaning}")));
         }
         section.entry("what", what);
         section.entry("device", device);
@@ -177,12 +197,13 @@ impl OutputSet {
         section.entry("requests", requests);
         section.json("sequence", self.sequence.map(Notation::from));
         section.json("complement", self.complement.map(Notation::from));
-        section.json("heartbeat", self.heartbeat.map(Notation::from));
-        section.json("control", self.control.map(Notation::from));
-        let version = self.version.map(|(at, number)| vec![Notation::from(at).into(), Json::from(number)]);
+        section.json("heartbeat", self.heartbeat.as_ref().map(notation));
+        section.json("control", self.control.as_ref().map(notation));
+        let version = self.version.as_ref();
+        let version = version.map(|(at, number)| vec![notation(at).into(), Json::from(*number)]);
         section.json("version", version);
         section.entry("zeros", self.zeros);
-        section.part("handshake", self.handshake.map(|handshake| handshake.preview(function(1))));
+        section.part("handshake", self.handshake.as_ref().map(|handshake| handshake.preview(function(1))));
         section
     }
 
@@ -192,8 +213,7 @@ impl OutputSet {
         let values = outputs.filter_map(|output| {
             Some((output.address.register()?.offset, output.encoding.data_type.registers()))
         });
-        let words = [self.complement, self.heartbeat, self.control, self.version.map(|(at, _)| at)];
-        let words = words.into_iter().flatten().map(|at| (at.offset, 1));
+        let words = self.own_registers().filter(|at| Some(*at) != self.sequence).map(|at| (at.offset, 1));
         let mut cells: Vec<(u16, u16)> = values.chain(words).collect();
         let last = self.sequence.map(|at| (at.offset, 1));
         if self.zeros {
@@ -209,6 +229,28 @@ impl OutputSet {
         cells.into_iter().chain(last).map(|(from, count)| Stretch { from, count }).collect()
     }
 
+    /// It is written in nodes of an OPC UA server: all of them by one call, or none.
+    pub fn is_in_nodes(&self, profile: &Profile) -> bool {
+        self.members(profile).any(|output| output.address.node().is_some())
+    }
+
+    /// Those: its outputs' in the order of the set, and its own words'.
+    pub fn nodes(&self, profile: &Profile) -> Vec<Node> {
+        let values = self.members(profile).filter_map(|output| output.address.node());
+        values.chain(self.own_nodes().map(|(_, node)| node)).cloned().collect()
+    }
+
+    /// The call that writes its nodes, where it has some.
+    fn call(&self, profile: &Profile) -> Option<String> {
+        let nodes = self.nodes(profile);
+        let listed: Vec<String> =
+            nodes.iter().map(|node| format!("{node} ({})", node.taken_as().name())).collect();
+        let count = listed.len();
+        let listed = listed.join(", ");
+        (count > 0)
+            .then(|| format!("one call that writes {count} nodes, in an order of the server's: {listed}"))
+    }
+
     /// Its outputs.
     pub fn members<'a>(&'a self, profile: &'a Profile) -> impl Iterator<Item = &'a Output> {
         self.outputs.iter().map(|id| profile.output(*id))
@@ -220,6 +262,10 @@ impl Stretch {
     pub fn joined(cells: Vec<(u16, u16)>, most: u16) -> Vec<Stretch> {
         joined(cells, most)
     }
+}
+
+fn notation(at: &Address) -> Notation {
+    Notation::of(at, at.node().map_or(DataType::U16, Node::taken_as))
 }
 
 fn joined(mut cells: Vec<(u16, u16)>, most: u16) -> Vec<Stretch> {
@@ -261,7 +307,8 @@ pub(super) fn resolve(check: &mut Check<'_>) {
         }
         let Some(output) = check.outputs.get(place) else { continue };
         can_be_exchanged(&at, "handshake", output);
-        let handshake = raw.resolve(&at.key("handshake"), Some(output.device.0));
+        let handshake =
+            raw.resolve(&at.key("handshake"), Some(output.device.0), output.address.node().is_some());
         sets.push(handshake.map(|handshake| OutputSet {
             name: name.clone(),
             is_named: false,
@@ -277,9 +324,9 @@ pub(super) fn resolve(check: &mut Check<'_>) {
         }));
     }
     for set in sets.iter().flatten() {
-        has_time(check, set);
+        waits::has_time(check, set);
     }
-    acknowledges_apart(check, &sets);
+    waits::acknowledges_apart(check, &sets);
     for (place, set) in sets.iter().enumerate() {
         for OutputId(output) in set.iter().flat_map(|set| &set.outputs) {
             if let Some(Some(output)) = check.outputs.resolved.get_mut(*output) {
@@ -324,24 +371,33 @@ fn can_be_exchanged(at: &At<'_>, key: &str, output: &Output) {
 impl RawSet {
     fn resolve(&self, at: &At<'_>, name: &str, members: &[usize]) -> Option<OutputSet> {
         let check = at.check;
-        let register = |key: &str, text: &Option<String>| holding(&at.key(key), text.as_ref());
+        let of_set: Vec<&Output> = members.iter().filter_map(|output| check.outputs.get(*output)).collect();
+        let is_in_nodes = of_set.iter().any(|output| output.address.node().is_some());
+        if is_in_nodes {
+            words::foreign_to_nodes(at);
+        }
+        let register = |key: &str, text: &Option<String>| {
+            text.as_ref().filter(|_| !is_in_nodes).and_then(|text| holding(&at.key(key), Some(text)))
+        };
         let sequence = register("sequence", &self.sequence);
         let complement = register("complement", &self.complement);
-        let heartbeat = register("heartbeat", &self.heartbeat);
-        let control = register("control", &self.control);
-        let version = self.version.as_ref().and_then(|version| {
-            let register = holding(&at.key("version").key("register"), version.register.as_ref());
-            register.zip(version.value)
-        });
+        let word = |key: &str, place: &Option<Place>, most| {
+            place.as_ref().and_then(|place| place.word(&at.key(key), is_in_nodes, most))
+        };
+        let heartbeat = word("heartbeat", &self.heartbeat, words::HIGHEST_BEAT);
+        let control = word("control", &self.control, words::EVERY_BIT);
+        let version =
+            self.version.as_ref().and_then(|version| version.resolve(&at.key("version"), is_in_nodes));
         if members.is_empty() {
             let help = format!("write set = \"{name}\" at the outputs that belong together");
             at.wrong_key("no output belongs to this set", help);
         }
-        let of_set: Vec<&Output> = members.iter().filter_map(|output| check.outputs.get(*output)).collect();
         let id = of_set.first().map(|output| output.device);
         let device = id.and_then(|id| check.devices.get(id.0));
+        let handshake = self.handshake.as_ref();
         let handshake =
-            self.handshake.as_ref().map(|raw| raw.resolve(&at.key("handshake"), id.map(|id| id.0)));
+            handshake.map(|raw| raw.resolve(&at.key("handshake"), id.map(|id| id.0), is_in_nodes));
+        let is_wrong = handshake == Some(None);
         for output in of_set.iter().filter(|output| Some(output.device) != id) {
             let there = device.map_or("", |device| device.name.as_str());
             let message = format!("set `{name}` is at `{there}`: one request cannot reach two devices");
@@ -362,7 +418,7 @@ impl RawSet {
             handshake: handshake.flatten(),
         };
         let device = device?;
-        for (key, _) in set.own() {
+        for (key, _) in set.own().filter(|_| !is_in_nodes) {
             device.must_write(&at.key(key), 1);
             device.must_read(&at.key(key), Table::Holding);
         }
@@ -375,49 +431,7 @@ impl RawSet {
             let help = "give it a `sequence` or a `handshake`, or registers side by side";
             at.wrong_key(message, help);
         }
-        (handshake != Some(None)).then_some(set)
-    }
-}
-
-/// A wait is longer than one answer, and a whole exchange shorter than what calls for the next.
-fn has_time(check: &Check<'_>, set: &OutputSet) {
-    let Some(handshake) = set.handshake else { return };
-    let at = set.at(check).key("handshake").key("timeout");
-    let bus = check.devices.get(set.device.0).and_then(|device| check.bus_of(device));
-    if let Some(bus) = bus.filter(|bus| handshake.timeout <= bus.timeout) {
-        let (name, timeout) = (&bus.name, shown(bus.timeout));
-        let message =
-            format!("the bus `{name}` waits {timeout} for an answer: no time to ask for the acknowledge");
-        at.wrong(message, "make it longer than `timeout` of the bus");
-    }
-    let whole = handshake.timeout * 2;
-    for output in set.outputs.iter().filter_map(|id| check.outputs.get(id.0)) {
-        let axis = check.axes.get(output.axis.0).map(|axis| &axis.settings);
-        let called = axis.map(|axis| (format!("axis `{}`'s period", axis.name), axis.every));
-        let refreshed =
-            output.refresh.map(|refresh| (format!("`refresh` of output `{}`", output.name), refresh));
-        for (what, every) in called.into_iter().chain(refreshed).filter(|(_, every)| *every <= whole) {
-            let message = format!(
-                "two waits of {} (for the acknowledge to come and to drop) are as long as {what}, {}",
-                shown(handshake.timeout),
-                shown(every)
-            );
-            at.wrong(message, "shorten it, or lengthen that");
-        }
-    }
-}
-
-/// An acknowledge that answers two strobes says nothing of either.
-fn acknowledges_apart(check: &Check<'_>, sets: &[Option<OutputSet>]) {
-    let answers = |set: &OutputSet| set.handshake.map(|handshake| (set.device, handshake.acknowledge));
-    for (place, set) in sets.iter().enumerate() {
-        let Some(set) = set else { continue };
-        let is_same = |other: &&OutputSet| answers(other).is_some() && answers(other) == answers(set);
-        if let Some(other) = sets.iter().take(place).flatten().find(is_same) {
-            let message = format!("{} waits for the same acknowledge", other.label());
-            let help = "give each its own, or put the outputs into one set";
-            set.at(check).key("handshake").key("acknowledge").wrong(message, help);
-        }
+        (!is_wrong).then_some(set)
     }
 }
 

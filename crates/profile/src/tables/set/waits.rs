@@ -1,0 +1,49 @@
+//! What a handshake waits for: long enough, short enough, and each for its own.
+
+use super::OutputSet;
+use crate::duration::shown;
+use crate::tables::Check;
+
+/// A wait is longer than one answer, and a whole exchange shorter than what calls for the next.
+pub(super) fn has_time(check: &Check<'_>, set: &OutputSet) {
+    let Some(handshake) = &set.handshake else { return };
+    let at = set.at(check).key("handshake").key("timeout");
+    let bus = check.devices.get(set.device.0).and_then(|device| check.bus_of(device));
+    if let Some(bus) = bus.filter(|bus| handshake.timeout <= bus.timeout) {
+        let (name, timeout) = (&bus.name, shown(bus.timeout));
+        let message =
+            format!("the bus `{name}` waits {timeout} for an answer: no time to ask for the acknowledge");
+        at.wrong(message, "make it longer than `timeout` of the bus");
+    }
+    let whole = handshake.timeout * 2;
+    for output in set.outputs.iter().filter_map(|id| check.outputs.get(id.0)) {
+        let axis = check.axes.get(output.axis.0).map(|axis| &axis.settings);
+        let called = axis.map(|axis| (format!("axis `{}`'s period", axis.name), axis.every));
+        let refreshed =
+            output.refresh.map(|refresh| (format!("`refresh` of output `{}`", output.name), refresh));
+        for (what, every) in called.into_iter().chain(refreshed).filter(|(_, every)| *every <= whole) {
+            let message = format!(
+                "two waits of {} (for the acknowledge to come and to drop) are as long as {what}, {}",
+                shown(handshake.timeout),
+                shown(every)
+            );
+            at.wrong(message, "shorten it, or lengthen that");
+        }
+    }
+}
+
+/// An acknowledge that answers two strobes says nothing of either.
+pub(super) fn acknowledges_apart(check: &Check<'_>, sets: &[Option<OutputSet>]) {
+    let answers = |set: &OutputSet| {
+        set.handshake.as_ref().map(|handshake| (set.device, handshake.acknowledge.to_string()))
+    };
+    for (place, set) in sets.iter().enumerate() {
+        let Some(set) = set else { continue };
+        let is_same = |other: &&OutputSet| answers(other).is_some() && answers(other) == answers(set);
+        if let Some(other) = sets.iter().take(place).flatten().find(is_same) {
+            let message = format!("{} waits for the same acknowledge", other.label());
+            let help = "give each its own, or put the outputs into one set";
+            set.at(check).key("handshake").key("acknowledge").wrong(message, help);
+        }
+    }
+}

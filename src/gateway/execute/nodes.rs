@@ -1,0 +1,54 @@
+//! What goes to an OPC UA server for a set: its nodes, written by one call and read back together.
+//!
+//! A server may carry out a call in any order, and by half. So what stands there is believed only when it was read back.
+
+use super::LineTurn;
+use super::together::{Found, Own};
+use crate::fieldbus::departure::Leave;
+use crate::fieldbus::error::{Fault, Outcome, PeerFault};
+use crate::fieldbus::wire::{Answer, NodeRequest, Request};
+use isotherm_core::codec::Encoded;
+use isotherm_profile::{OutputSet, OwnWord};
+
+/// Reads every node of the set.
+pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<Found, Fault> {
+    let nodes = set.nodes(&turn.shared.profile);
+    let request = Request::Nodes(NodeRequest::Read(&nodes));
+    let answered = turn.line.request(set.device, request, Leave::Whenever).await?;
+    let Answer::Nodes(found) = answered.answer.believed()? else {
+        return Err(Fault::Peer(PeerFault::Malformed));
+    };
+    let mut found = found.into_iter().filter_map(|node| node.value.ok());
+    let values = found.by_ref().take(set.outputs.len()).collect();
+    let mut words = set.own_nodes().zip(found);
+    let heartbeat = words.find(|((word, _), _)| *word == OwnWord::Heartbeat).map(|(_, found)| low(found));
+    Ok(Found { values, sequence: None, heartbeat, asked: answered.asked })
+}
+
+/// Writes all of them.
+pub(super) async fn write(
+    turn: &mut LineTurn<'_>,
+    set: &OutputSet,
+    values: &[Encoded],
+    own: Own,
+    leave: Leave,
+) -> Result<(), (Fault, Outcome)> {
+    let nodes = set.nodes(&turn.shared.profile);
+    let words = set.own_nodes().map(|(word, node)| {
+        node.word(match word {
+            OwnWord::Heartbeat => own.heartbeat,
+            OwnWord::Control => own.control,
+            OwnWord::Version(number) => number,
+        })
+    });
+    let each: Vec<Encoded> = values.iter().copied().chain(words).collect();
+    let values: Vec<u16> = each.iter().flat_map(Encoded::registers).copied().collect();
+    let request = Request::Nodes(NodeRequest::Write { nodes: &nodes, values: &values });
+    let sent = turn.line.request(set.device, request, leave).await;
+    sent.map(|_| ()).map_err(|fault| (fault, fault.outcome()))
+}
+
+/// The lowest 16 bits of a whole number.
+fn low(found: Encoded) -> u16 {
+    found.registers().last().copied().unwrap_or_default()
+}

@@ -1,0 +1,65 @@
+//! All of a set on its way to the device and back: in registers, or in nodes.
+
+use super::LineTurn;
+use super::{cells, nodes};
+use crate::fieldbus::departure::Leave;
+use crate::fieldbus::error::{Fault, Outcome};
+use isotherm_core::codec::Encoded;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::OutputSet;
+
+/// What a set holds that is nobody's value.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Own {
+    pub(super) sequence: Option<u16>,
+    pub(super) heartbeat: u16,
+    /// What the gateway does.
+    pub(super) control: u16,
+}
+
+/// What stands there.
+#[derive(Clone, Debug)]
+pub(super) struct Found {
+    /// One for each member.
+    pub(super) values: Vec<Encoded>,
+    pub(super) sequence: Option<u16>,
+    pub(super) heartbeat: Option<u16>,
+    /// When the first question for it left.
+    pub(super) asked: Moment,
+}
+
+pub(super) fn next_beat(beat: u16) -> u16 {
+    if beat >= 32767 { 0 } else { beat + 1 }
+}
+
+/// Reads all of it.
+pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<Found, Fault> {
+    match set.is_in_nodes(&turn.shared.profile) {
+        true => nodes::read(turn, set).await,
+        false => cells::read(turn, set).await,
+    }
+}
+
+/// Writes all of it. What failed, and what that says of all of it.
+pub(super) async fn write(
+    turn: &mut LineTurn<'_>,
+    set: &OutputSet,
+    values: &[Encoded],
+    own: Own,
+    leave: Leave,
+) -> Result<(), (Fault, Outcome)> {
+    match set.is_in_nodes(&turn.shared.profile) {
+        true => nodes::write(turn, set, values, own, leave).await,
+        false => cells::write_all(turn, set, values, own, leave).await,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_heartbeat_of_a_set_goes_round_below_the_sign() {
+        assert_eq!((next_beat(0), next_beat(32766), next_beat(32767)), (1, 32767, 0));
+    }
+}
