@@ -17,6 +17,10 @@ mod rig;
 mod secured;
 #[path = "opcua/sessions.rs"]
 mod sessions;
+#[path = "opcua/sets.rs"]
+mod sets;
+#[path = "opcua/shared.rs"]
+mod shared;
 #[path = "opcua/values.rs"]
 mod values;
 #[path = "opcua/words.rs"]

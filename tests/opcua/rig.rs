@@ -62,6 +62,11 @@ impl Server {
         self.line()
     }
 
+    /// Waits until it has ended by itself.
+    pub(crate) fn ends(&mut self) {
+        self.child.wait().unwrap();
+    }
+
     /// Kills it; another one begins at the same place.
     pub(crate) fn dies(mut self, arguments: &[&str]) -> Server {
         let port = self.port.to_string();

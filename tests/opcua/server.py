@@ -6,6 +6,12 @@ stamp NAME SECONDS   the node is stamped so much later than now; earlier where n
 refuse NAME STATUS   a write of the node is answered with this status
 keep NAME            a write of the node is answered with Good, and not done
 hold NAME SECONDS    a write of the node is done, and answered so much later
+round NAME DIGITS    the node keeps so many digits behind the point
+allow NAME           a write of the node is done as before
+acknowledge SECONDS  the node `taken` follows the node `strobe` so much later
+die NAME             once the node was written, the server ends where it is read
+values NAME          prints what was written into the node, one after the other
+log                  prints each call that wrote or read nodes that are written, one after the other, and forgets them
 sessions NUMBER      so many sessions may be made from now on
 drop                 the session table is emptied
 read NAME            prints what the node holds
@@ -15,6 +21,7 @@ Each is acknowledged with a line. Every tenth of a second each value is stamped 
 
 import argparse
 import asyncio
+import os
 import sys
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -34,6 +41,8 @@ parser.add_argument("--user")
 parser.add_argument("--user-cert")
 parser.add_argument("--most", type=int, default=0)
 parser.add_argument("--few", type=int, default=0)
+parser.add_argument("--most-written", type=int, default=0)
+parser.add_argument("--holds", action="append", default=[])
 arguments = parser.parse_args()
 
 NODES = {
@@ -42,7 +51,23 @@ NODES = {
     "offset": (0, ua.VariantType.Int32),
     "k0": (0.0, ua.VariantType.Double),
     "text": ("text", ua.VariantType.String),
+    "tan": (0.0, ua.VariantType.Double),
+    "p0": (0.0, ua.VariantType.Double),
+    "beat": (0, ua.VariantType.Int16),
+    "control": (0, ua.VariantType.UInt16),
+    "version": (0, ua.VariantType.Byte),
+    "strobe": (False, ua.VariantType.Boolean),
+    "taken": (False, ua.VariantType.Boolean),
+    "boots": (1, ua.VariantType.UInt32),
+    "life": (0, ua.VariantType.Int16),
 }
+READ_ONLY = ("bed", "taken", "boots")
+FLOATS = (ua.VariantType.Float, ua.VariantType.Double)
+
+
+def variant(name, number):
+    kind = NODES[name][1]
+    return ua.Variant(float(number) if kind in FLOATS else int(number), kind)
 
 
 class OneUser(UserManager):
@@ -77,7 +102,7 @@ async def main():
     nodes, held, status, late = {}, {}, {}, {}
     for name, (value, kind) in NODES.items():
         node = await server.nodes.objects.add_variable(ua.NodeId(name, space), name, value, kind)
-        if name != "bed":
+        if name not in READ_ONLY:
             await node.set_writable()
         nodes[name], held[name] = node, ua.Variant(value, kind)
     folder = await server.nodes.objects.add_folder(ua.NodeId("folder", space), "folder")
@@ -88,19 +113,40 @@ async def main():
     await server.nodes.objects.add_variable(ua.NodeId("several", space), "several", [1.0, 2.0])
     hidden = await server.nodes.objects.add_variable(ua.NodeId("hidden", space), "hidden", 1.0)
     await hidden.unset_attr_bit(ua.AttributeIds.UserAccessLevel, ua.AccessLevel.CurrentRead)
+    held |= {name: variant(name, number) for name, number in (one.split("=") for one in arguments.holds)}
     if arguments.most:
         limit = server.get_node(ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxNodesPerRead)
         await limit.write_value(ua.Variant(arguments.most, ua.VariantType.UInt32))
-    refused, kept, held_back = {}, set(), {}
+    if arguments.most_written:
+        limit = server.get_node(ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxNodesPerWrite)
+        await limit.write_value(ua.Variant(arguments.most_written, ua.VariantType.UInt32))
+    refused, kept, held_back, digits = {}, set(), {}, {}
+    values, log, ends, reacts = {name: [] for name in NODES}, [], {}, [None]
     names = {node.nodeid: name for name, node in nodes.items()}
 
     service = server.iserver.attribute_service
     write, read = service.write, service.read
 
+    async def acknowledge(up, after):
+        await asyncio.sleep(after)
+        held["taken"] = ua.Variant(up, ua.VariantType.Boolean)
+        await stamp()
+
+    def note(what, asked):
+        found = [name for name in (names.get(one.NodeId) for one in asked) if name]
+        if found and not any(name in READ_ONLY for name in found):
+            log.append(f"{what} {' '.join(found)}")
+
     async def written(params, user=User(role=UserRole.Admin)):
         results = []
+        if arguments.most_written and len(params.NodesToWrite) > arguments.most_written:
+            raise ua.uaerrors.BadTooManyOperations()
+        note("write", params.NodesToWrite)
         for one in params.NodesToWrite:
             name = names.get(one.NodeId)
+            if name in digits:
+                found = one.Value.Value
+                one.Value.Value = ua.Variant(round(found.Value, digits[name]), found.VariantType)
             alone = ua.WriteParameters(NodesToWrite=[one])
             if name and (one.Value.SourceTimestamp or one.Value.ServerTimestamp):
                 results.append(ua.StatusCode(ua.StatusCodes.BadWriteNotSupported))
@@ -112,6 +158,11 @@ async def main():
                 done = (await write(alone, user))[0]
                 if done.is_good() and name:
                     held[name] = one.Value.Value
+                    values[name].append(one.Value.Value.Value)
+                    if name in ends:
+                        ends[name] = True
+                    if name == "strobe" and reacts[0] is not None:
+                        asyncio.create_task(acknowledge(one.Value.Value.Value, reacts[0]))
                 results.append(done)
             if name in held_back:
                 await asyncio.sleep(held_back.pop(name))
@@ -120,6 +171,9 @@ async def main():
     def asked(params):
         if arguments.most and len(params.NodesToRead) > arguments.most:
             raise ua.uaerrors.BadTooManyOperations()
+        note("read", params.NodesToRead)
+        if any(ends.get(names.get(one.NodeId)) for one in params.NodesToRead):
+            os._exit(1)
         return read(params)
 
     service.write, service.read = written, asked
@@ -196,9 +250,7 @@ async def main():
             answer = "done"
             match line:
                 case ["value", name, number]:
-                    kind = NODES[name][1]
-                    whole = kind is ua.VariantType.Int32
-                    held[name] = ua.Variant(int(number) if whole else float(number), kind)
+                    held[name] = variant(name, number)
                 case ["status", name, code]:
                     status[name] = getattr(ua.StatusCodes, code)
                 case ["stamp", name, seconds]:
@@ -209,6 +261,20 @@ async def main():
                     kept.add(name)
                 case ["hold", name, seconds]:
                     held_back[name] = float(seconds)
+                case ["round", name, number]:
+                    digits[name] = int(number)
+                case ["allow", name]:
+                    refused.pop(name, None)
+                    kept.discard(name)
+                case ["acknowledge", seconds]:
+                    reacts[0] = float(seconds)
+                case ["die", name]:
+                    ends[name] = False
+                case ["values", name]:
+                    answer = " ".join(str(value) for value in values[name])
+                case ["log"]:
+                    answer = ";".join(log)
+                    log.clear()
                 case ["sessions", number]:
                     left[0] = int(number)
                 case ["taken"]:
