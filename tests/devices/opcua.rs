@@ -66,6 +66,12 @@ fn a_sinumerik_is_given_its_line_in_three_nodes_that_the_profile_names() {
             (Writes::Reference, "ns=2;s=/SEA/reference".to_owned(), double, 1.0),
         ]
     );
+    let together =
+        targets.map(|name| target(name, &format!("node = \"ns=2;s=/SEA/{name}\"\nset = \"line\"")));
+    let loaded = on_opcua(device, &format!("{AXIS}[set.line]\n{}", together.concat()));
+    let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
+    let nodes = profile.sets[0].nodes(&profile).iter().map(ToString::to_string).collect::<Vec<_>>();
+    assert_eq!(nodes, targets.map(|name| format!("ns=2;s=/SEA/{name}")), "all three by one call");
     let unnamed = targets.map(|name| target(name, ""));
     let said = on_opcua(device, &format!("{AXIS}{}", unnamed.concat())).unwrap_err().to_string();
     assert!(said.contains("`node` is missing: template `sinumerik-opcua` leaves it to you"), "{said}");
