@@ -294,6 +294,7 @@ impl Gateway {
             },
         };
         self.release_strobes().await;
+        self.close_sessions(&mut tasks, &lines).await;
         // No time passes any more, however long the tasks and the disk take to come to their end.
         let _hold = self.shared.clock.hold();
         tasks.shutdown().await;
@@ -441,6 +442,29 @@ impl Gateway {
         let deadline = sleeper.now().after(slowest.unwrap_or_default());
         while ending::leave(&self.shared) && sleeper.now() < deadline {
             sleeper.sleep(Duration::from_millis(20)).await;
+        }
+    }
+
+    /// A server that keeps a session for a line is told that it is over: one with few places has it free at once. A server
+    /// that does not answer is not waited for.
+    async fn close_sessions(&self, tasks: &mut JoinSet<()>, lines: &HashMap<Id, BusId>) {
+        let kept = |bus: BusId| Some(self.shared.profile.bus(bus)).filter(|bus| bus.opcua.is_some());
+        let mut open: HashMap<Id, Duration> =
+            lines.iter().filter_map(|(id, bus)| Some((*id, kept(*bus)?.timeout))).collect();
+        // One request may be under way, for its timeout; the farewell has its own.
+        let Some(longest) = open.values().max().map(|timeout| *timeout * 2) else { return };
+        self.shared.end();
+        let closed = async {
+            while !open.is_empty()
+                && let Some(ended) = tasks.join_next_with_id().await
+            {
+                open.remove(&ended.map_or_else(|error| error.id(), |(id, ())| id));
+            }
+        };
+        let mut sleeper = self.shared.clock.join();
+        tokio::select! {
+            () = closed => {}
+            _ = sleeper.sleep(longest) => {}
         }
     }
 

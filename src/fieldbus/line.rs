@@ -442,6 +442,13 @@ impl DeviceLine {
         self.owed.each().for_each(Owed::anything);
     }
 
+    /// Takes leave of the other end, for no longer than it is waited for an answer.
+    pub async fn close(&mut self) {
+        let Some(mut connection) = self.wire.take() else { return };
+        self.departure.away_for(self.timeout);
+        let _ = self.patience.within(self.timeout, connection.wire().close()).await;
+    }
+
     /// The connection was closed by the other end: whether that happens too often to come back at once.
     fn is_contested(&mut self, now: Moment) -> bool {
         if now.since(self.connected_at) >= SHORT_LIFE {

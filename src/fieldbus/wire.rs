@@ -67,4 +67,9 @@ pub trait Wire: Send {
     fn has_behind(&self) -> bool {
         false
     }
+
+    /// Takes leave of the other end, where that keeps something for this one until then.
+    fn close(&mut self) -> Boxed<'_, ()> {
+        Box::pin(std::future::ready(()))
+    }
 }

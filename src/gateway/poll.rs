@@ -68,6 +68,8 @@ pub(super) struct LineTask {
     wakes_others: bool,
     /// How the devices are set is to be looked at.
     inspects: bool,
+    /// The process ends, and a server keeps a session for this line until it is closed.
+    takes_leave: bool,
     /// The news and the pauses that were taken note of.
     news: u64,
     pauses: u64,
@@ -133,6 +135,7 @@ impl LineTask {
             has_news: true,
             wakes_others: false,
             inspects: true,
+            takes_leave: false,
             news: 0,
             pauses: shared.pauses(),
             pressed: 0,
@@ -145,7 +148,7 @@ impl LineTask {
         self.polls.iter().map(Poll::requests).sum()
     }
 
-    /// Takes its turns until the gateway has stopped; with a listener, takes what comes by itself as well.
+    /// Takes its turns until the gateway has stopped, and closes the session that a server keeps for it; with a listener, takes what comes by itself as well.
     pub(super) async fn run(mut self, sleeper: Sleeper, listener: Option<(Arc<Can>, CanListener)>) {
         match listener {
             None => self.turns(sleeper).await,
@@ -160,6 +163,9 @@ impl LineTask {
         let mut now = self.line.look();
         loop {
             self.take_note(&mut sleeper, now);
+            if self.takes_leave {
+                return self.line.close().await;
+            }
             let turn = self.next(now);
             // After the axes, where it is their turn: what the others do then goes by what was just decided.
             if turn != Turn::Step && std::mem::take(&mut self.wakes_others) {
@@ -223,6 +229,7 @@ impl LineTask {
         for revived in self.can.iter().flat_map(|can| can.revived()) {
             self.line.revive(revived);
         }
+        self.takes_leave = self.shared.ends() && self.shared.profile.bus(self.bus).opcua.is_some();
         let pauses = self.shared.pauses();
         if std::mem::replace(&mut self.pauses, pauses) != pauses {
             // What is on its way belongs to a time that is over.

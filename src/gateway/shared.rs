@@ -4,7 +4,7 @@
 //! [`Panel`](super::panel::Panel).
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use tokio::sync::Notify;
@@ -35,6 +35,8 @@ pub(crate) struct Shared {
     core: Mutex<Core>,
     /// Another program is to take the place of this one.
     pub(super) replaced: Notify,
+    /// Nothing is done any more: a line for which a server keeps a session closes it.
+    ends: AtomicBool,
     /// When each command was taken last.
     rates: Mutex<Rates>,
 }
@@ -63,6 +65,7 @@ impl Shared {
             turns: counts(),
             core: Mutex::new(core(given)),
             replaced: Notify::new(),
+            ends: AtomicBool::new(false),
             rates: Mutex::default(),
             clock,
             profile,
@@ -133,6 +136,16 @@ impl Shared {
         if let Some(place) = wakeups.get_mut(bus.0) {
             *place = wakeup;
         }
+    }
+
+    /// The lines have nothing to do any more.
+    pub(super) fn end(&self) {
+        self.ends.store(true, Ordering::Relaxed);
+        self.wake();
+    }
+
+    pub(super) fn ends(&self) -> bool {
+        self.ends.load(Ordering::Relaxed)
     }
 
     pub(super) fn pauses(&self) -> u64 {

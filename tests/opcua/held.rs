@@ -1,10 +1,11 @@
 //! A whole gateway that holds an offset in a node.
 
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use super::gateway::{beside, events, wait_until};
 use super::rig::{Server, machine};
+use isotherm::clock::Clock;
 use isotherm::gateway::Options;
 use isotherm::observe::status::Status;
 
@@ -26,6 +27,34 @@ fn a_gateway_holds_an_offset_in_a_node_and_goes_on_when_the_server_is_back() {
         wait_until(source, "the server is read again", |status| bed(status) == "good");
         wait(&mut server, |server| stands(server, "10"));
     });
+}
+
+#[test]
+fn a_gateway_that_ends_closes_its_session_and_its_place_is_free_at_once() {
+    let server = Arc::new(Mutex::new(Server::start(&[])));
+    let (text, seen) = (machine(server.lock().unwrap().port, ""), server.clone());
+    beside(&text, Options::default(), move |source| {
+        wait_until(source, "it is read", |status| bed(status) == "good");
+        assert_eq!(seen.lock().unwrap().does("open"), "1");
+    });
+    assert_eq!(server.lock().unwrap().does("open"), "0");
+}
+
+#[test]
+fn a_gateway_ends_in_time_beside_a_server_that_does_not_answer() {
+    let server = Arc::new(Mutex::new(Server::start(&[])));
+    let (text, seen) = (machine(server.lock().unwrap().port, ""), server.clone());
+    let clock = Clock::wall();
+    let (ends, ended) = std::sync::mpsc::channel();
+    let by = clock.clone();
+    beside(&text, Options::default(), move |source| {
+        wait_until(source, "it is read", |status| bed(status) == "good");
+        seen.lock().unwrap().stops();
+        ends.send(by.now()).unwrap();
+    });
+    let took = clock.now().since(ended.recv().unwrap());
+    // Its fault action needs none of the server's time: two timeouts, and what the computer needs.
+    assert!(took < Duration::from_secs(8), "{took:?}");
 }
 
 #[test]

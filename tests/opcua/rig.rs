@@ -67,6 +67,12 @@ impl Server {
         self.child.wait().unwrap();
     }
 
+    /// It is there, and does nothing any more.
+    pub(crate) fn stops(&self) {
+        let pid = self.child.id().to_string();
+        assert!(Command::new("kill").args(["-STOP", &pid]).status().unwrap().success());
+    }
+
     /// Kills it; another one begins at the same place.
     pub(crate) fn dies(mut self, arguments: &[&str]) -> Server {
         let port = self.port.to_string();

@@ -13,7 +13,8 @@ die NAME             once the node was written, the server ends where it is read
 values NAME          prints what was written into the node, one after the other
 log                  prints each call that wrote or read nodes that are written, one after the other, and forgets them
 sessions NUMBER      so many sessions may be made from now on
-drop                 the session table is emptied
+drop                 every session is over
+open                 prints how many sessions there are
 read NAME            prints what the node holds
 taken                prints how many logins there are, and how many lists of nodes are kept for whoever asks on
 
@@ -68,6 +69,10 @@ FLOATS = (ua.VariantType.Float, ua.VariantType.Double)
 def variant(name, number):
     kind = NODES[name][1]
     return ua.Variant(float(number) if kind in FLOATS else int(number), kind)
+
+
+# A session outlives its connection, as the standard has it; asyncua alone lets only those with subscriptions.
+UaProcessor._should_close_session_on_transport_loss = lambda self: False
 
 
 class OneUser(UserManager):
@@ -279,6 +284,11 @@ async def main():
                     left[0] = int(number)
                 case ["taken"]:
                     answer = f"{InternalSession._current_connections} {len(rest)}"
+                case ["drop"]:
+                    for session in list(server.iserver._external_sessions.values()):
+                        await session.close_session(True)
+                case ["open"]:
+                    answer = str(len(server.iserver._external_sessions))
                 case ["read", name]:
                     answer = str(held[name].Value)
                 case _:

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use ::opcua::client::services::{ActivateSession, Read};
+use ::opcua::client::services::{ActivateSession, CloseSession, Read};
 use ::opcua::client::{IdentityToken, UARequest};
 use ::opcua::core::ResponseMessage;
 use ::opcua::crypto::{PrivateKey, SecurityPolicy, X509, random, verify_signature_data};
@@ -205,6 +205,15 @@ impl Session {
         let answer = link.ask(request.send(&channel)).await?;
         self.hold(Some(Held { nonce: answer.server_nonce.clone(), ..held }));
         Ok(())
+    }
+
+    /// Gives its place at the server back, and with it what was subscribed to.
+    pub(super) async fn close(&self, link: &mut Link) {
+        let channel = link.channel.clone();
+        let close = CloseSession::new_manual(0, self.patience(), self.token(), channel.request_handle());
+        // Where it is not answered, the server forgets it by itself after a while.
+        let _ = link.ask(close.send(&channel)).await;
+        self.is_over();
     }
 
     /// What the server takes in one call; one that does not say takes everything.

@@ -142,4 +142,8 @@ impl Wire for OpcUa {
     ) -> Boxed<'a, Result<Answer, Fault>> {
         Box::pin(self.exchange(request, departure))
     }
+
+    fn close(&mut self) -> Boxed<'_, ()> {
+        Box::pin(self.session.close(&mut self.link))
+    }
 }
