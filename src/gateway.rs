@@ -294,7 +294,7 @@ impl Gateway {
             },
         };
         self.release_strobes().await;
-        self.close_sessions(&mut tasks, &lines).await;
+        self.take_leave(&mut tasks, &lines).await;
         // No time passes any more, however long the tasks and the disk take to come to their end.
         let _hold = self.shared.clock.hold();
         tasks.shutdown().await;
@@ -445,9 +445,9 @@ impl Gateway {
         }
     }
 
-    /// A server that keeps a session for a line is told that it is over: one with few places has it free at once. A server
-    /// that does not answer is not waited for.
-    async fn close_sessions(&self, tasks: &mut JoinSet<()>, lines: &HashMap<Id, BusId>) {
+    /// A server that keeps a place for a line is told that it is free: one with few of them has it at once. A server that does
+    /// not answer is not waited for.
+    async fn take_leave(&self, tasks: &mut JoinSet<()>, lines: &HashMap<Id, BusId>) {
         let kept = |bus: BusId| Some(self.shared.profile.bus(bus)).filter(|bus| bus.opcua.is_some());
         let mut open: HashMap<Id, Duration> =
             lines.iter().filter_map(|(id, bus)| Some((*id, kept(*bus)?.timeout))).collect();

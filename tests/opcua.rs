@@ -21,6 +21,8 @@ mod sessions;
 mod sets;
 #[path = "opcua/shared.rs"]
 mod shared;
+#[path = "opcua/subscribed.rs"]
+mod subscribed;
 #[path = "opcua/values.rs"]
 mod values;
 #[path = "opcua/words.rs"]

@@ -11,7 +11,7 @@ use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::trace::{Exchange, Listening, Tap};
 use crate::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::Register;
-use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Quirks};
+use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Quirks, ReadBy};
 
 /// Attempts to connect before a line is given up, with a pause between two.
 const DIALS: u32 = 3;
@@ -49,6 +49,7 @@ impl Asker {
             template: None,
             can: None,
             source_time: None,
+            read: ReadBy::Poll,
             verify: Vec::new(),
         };
         let devices: Vec<Device> = (0..=u8::MAX).map(device).collect();

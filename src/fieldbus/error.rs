@@ -226,6 +226,12 @@ pub enum PeerFault {
     /// Nothing that the protocol knows.
     #[error("reply is none that the protocol knows")]
     Malformed,
+    /// A server sends nothing of a subscription, and no sign of life.
+    #[error(
+        "its subscription is silent: the server sends neither values nor a sign of life as often as it promised (read = \"poll\" \
+         asks for the nodes instead)"
+    )]
+    Silent,
     /// Something that nobody had asked for.
     #[error("it sends what nobody asked for: a late reply, or another master on the same line")]
     Unasked,

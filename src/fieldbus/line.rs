@@ -30,7 +30,7 @@ use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::owed::{Debts, Owed, Spans};
 use super::pipeline::Pipeline;
 use super::trace::Tap;
-use super::wire::{Answer, Request};
+use super::wire::{Answer, NodeRequest, Request};
 use crate::clock::{Clock, Patience};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, Device, DeviceId, Functions, Quirks};
@@ -108,6 +108,9 @@ pub trait Witness: Send + Sync {
 
     /// Questions go out one at a time from now on, because this came of two.
     fn gives_up_pipeline(&self, _fault: Fault) {}
+
+    /// This is to be said of a device's subscription.
+    fn subscribes(&self, _device: DeviceId, _what: String) {}
 }
 
 /// One device on the line.
@@ -352,6 +355,12 @@ impl DeviceLine {
                 && let (Some(witness), Err(fault)) = (&self.witness, &answer)
             {
                 witness.gives_up_pipeline(*fault);
+            }
+            if matches!(request, Request::Nodes(NodeRequest::Latest(_)))
+                && let (Some(witness), Some(connection)) = (&self.witness, &mut self.wire)
+                && let Some(what) = connection.wire().subscription_news()
+            {
+                witness.subscribes(device, what);
             }
             if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
                 break self.settle(place, request, answer, now);

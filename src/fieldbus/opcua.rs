@@ -3,6 +3,7 @@
 //! ```text
 //! dial ─► endpoints ─► trusted? ─► secure channel ─► session (the one from before, or a new one) ─► limits
 //! wire ─► one Read or Write call at a time; nothing is sent that nobody has asked for
+//!         but for a Publish request of each subscription, which waits at the server: it is renewed as its values are asked for
 //! ```
 //!
 //! - The library's own session, which reconnects, keeps alive and repeats by itself, is not used: [`DeviceLine`] does that for every
@@ -42,8 +43,10 @@ mod channel;
 mod endpoint;
 mod files;
 pub mod offer;
+mod publishing;
 mod session;
 mod status;
+mod subscription;
 mod value;
 mod wire;
 

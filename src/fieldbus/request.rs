@@ -6,9 +6,10 @@ use super::error::Fault;
 use isotherm_core::codec::{
     Address, BitField, CanId, DataType, Encoded, Encoding, Field, Node, Object, Register,
 };
+use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
 use isotherm_profile::Functions;
-use isotherm_profile::plan::{self, ReadTarget};
+use isotherm_profile::plan::{self, ReadTarget, Subscription};
 
 /// One request to one unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,6 +53,8 @@ pub enum Request<'a> {
 pub enum NodeRequest<'a> {
     /// The values of these nodes are read.
     Read(&'a [Node]),
+    /// What the server has sent of nodes that are subscribed to.
+    Latest(&'a Subscription),
     /// The values of these are written, in one call.
     Write {
         /// Which.
@@ -68,6 +71,8 @@ pub struct NodeReading {
     pub value: Result<Encoded, Reason>,
     /// When it was taken, as far as it is stamped.
     pub stamped: Stamped,
+    /// When the question left that it answers, where that was before the one of the request.
+    pub asked: Option<Moment>,
 }
 
 /// When a value was taken at its source, by the clock of the server that sends it: its stamp beside the time of the answer.
@@ -126,6 +131,7 @@ impl<'a> From<&'a ReadTarget> for Request<'a> {
             ReadTarget::Registers { from, count } => Request::Read { from: *from, count: *count },
             ReadTarget::Object(object) => Request::Can(CanRequest::Read { object: *object }),
             ReadTarget::Nodes(nodes) => Request::Nodes(NodeRequest::Read(nodes)),
+            ReadTarget::Subscription(sent) => Request::Nodes(NodeRequest::Latest(sent)),
         }
     }
 }
@@ -157,12 +163,16 @@ impl Answer {
 
     /// When this part of it was stamped.
     pub fn stamped(&self, field: &plan::Field) -> Stamped {
-        match self {
-            Answer::Nodes(nodes) => {
-                nodes.get(usize::from(field.at)).map_or(Stamped::Unknown, |node| node.stamped)
-            }
-            _ => Stamped::Unknown,
-        }
+        self.node(field).map_or(Stamped::Unknown, |node| node.stamped)
+    }
+
+    /// When the question left that this part of it answers, where that was before the one of the request.
+    pub fn asked(&self, field: &plan::Field) -> Option<Moment> {
+        self.node(field)?.asked
+    }
+
+    fn node(&self, field: &plan::Field) -> Option<&NodeReading> {
+        if let Answer::Nodes(nodes) = self { nodes.get(usize::from(field.at)) } else { None }
     }
 
     /// The value of a signal, whose part of the answer this is.
@@ -197,7 +207,7 @@ impl<'a> Request<'a> {
     pub const fn in_registers(asked: &ReadTarget) -> Option<Request<'static>> {
         match asked {
             ReadTarget::Registers { from, count } => Some(Request::Read { from: *from, count: *count }),
-            ReadTarget::Object(_) | ReadTarget::Nodes(_) => None,
+            ReadTarget::Object(_) | ReadTarget::Nodes(_) | ReadTarget::Subscription(_) => None,
         }
     }
 
@@ -240,7 +250,7 @@ impl<'a> Request<'a> {
             self,
             Request::Read { .. }
                 | Request::Can(CanRequest::Read { .. })
-                | Request::Nodes(NodeRequest::Read(_))
+                | Request::Nodes(NodeRequest::Read(_) | NodeRequest::Latest(_))
         )
     }
 
@@ -255,6 +265,7 @@ impl<'a> Request<'a> {
                 (at, u16::try_from(values.len()).unwrap_or(u16::MAX), 123)
             }
             Request::Nodes(NodeRequest::Read(nodes)) => return !nodes.is_empty(),
+            Request::Nodes(NodeRequest::Latest(sent)) => return !sent.nodes.is_empty(),
             Request::Nodes(NodeRequest::Write { nodes, values }) => {
                 let registers: usize =
                     nodes.iter().map(|node| usize::from(node.taken_as().registers())).sum();

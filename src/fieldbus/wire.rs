@@ -68,6 +68,11 @@ pub trait Wire: Send {
         false
     }
 
+    /// What there is to say of a subscription, once.
+    fn subscription_news(&mut self) -> Option<String> {
+        None
+    }
+
     /// Takes leave of the other end, where that keeps something for this one until then.
     fn close(&mut self) -> Boxed<'_, ()> {
         Box::pin(std::future::ready(()))

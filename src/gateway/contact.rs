@@ -39,6 +39,8 @@ pub(super) struct DeviceCount {
     pub(super) failures: BTreeMap<&'static str, u64>,
     pub(super) answered: bool,
     pub(super) lost: Option<Lost>,
+    /// What was told last of its subscription.
+    pub(super) subscription: String,
 }
 
 /// A device that does not answer.

@@ -160,4 +160,16 @@ impl Witness for LineHandle {
         let bus = self.profile.bus(self.bus).name.clone();
         self.core().events.push(Event::PipelineGivenUp { bus, fault: fault.to_string() });
     }
+
+    /// Once, until there is something else to say: a server is asked anew on each connection.
+    fn subscribes(&self, device: DeviceId, what: String) {
+        let mut core = self.core();
+        let Core { contact, events, .. } = &mut *core;
+        let told = &mut contact.devices[device.0].subscription;
+        if *told != what {
+            told.clone_from(&what);
+            let device = self.profile.device(device).name.clone();
+            events.push(Event::Subscription { device, what });
+        }
+    }
 }

@@ -68,7 +68,7 @@ pub(super) struct LineTask {
     wakes_others: bool,
     /// How the devices are set is to be looked at.
     inspects: bool,
-    /// The process ends, and a server keeps a session for this line until it is closed.
+    /// The process ends, and a server keeps a place for this line until it is told.
     takes_leave: bool,
     /// The news and the pauses that were taken note of.
     news: u64,
@@ -148,7 +148,8 @@ impl LineTask {
         self.polls.iter().map(Poll::requests).sum()
     }
 
-    /// Takes its turns until the gateway has stopped, and closes the session that a server keeps for it; with a listener, takes what comes by itself as well.
+    /// Takes its turns until the gateway has stopped, and takes leave of a server that keeps a place for it; with a listener, takes
+    /// what comes by itself as well.
     pub(super) async fn run(mut self, sleeper: Sleeper, listener: Option<(Arc<Can>, CanListener)>) {
         match listener {
             None => self.turns(sleeper).await,

@@ -35,7 +35,7 @@ pub(crate) struct Shared {
     core: Mutex<Core>,
     /// Another program is to take the place of this one.
     pub(super) replaced: Notify,
-    /// Nothing is done any more: a line for which a server keeps a session closes it.
+    /// Nothing is done any more: a line for which a server keeps a place takes leave.
     ends: AtomicBool,
     /// When each command was taken last.
     rates: Mutex<Rates>,

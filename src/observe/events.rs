@@ -244,6 +244,8 @@ pub enum Event {
     },
     /// A device does not bear two questions at a time: this came of them.
     PipelineGivenUp { bus: String, fault: String },
+    /// A server does not do what a subscription asks it for, or not as it is asked.
+    Subscription { device: String, what: String },
     /// Nobody looked at the clock for this long: the computer was stopped, suspended or had no time for us.
     StoodStill {
         #[serde(rename = "span_s", serialize_with = "in_seconds")]

@@ -9,7 +9,7 @@ use isotherm::clock::Clock;
 use isotherm::gateway::Options;
 use isotherm::observe::status::Status;
 
-fn bed(status: &Status) -> &str {
+pub(super) fn bed(status: &Status) -> &str {
     let found = status.signals.iter().find(|signal| signal.name == "bed");
     found.map_or("", |signal| signal.quality)
 }
@@ -87,7 +87,7 @@ fn a_source_whose_clock_is_an_hour_off_is_not_believed_and_is_when_it_is_right_a
     });
 }
 
-fn wait(server: &mut Server, found: impl Fn(&mut Server) -> bool) {
+pub(super) fn wait(server: &mut Server, found: impl Fn(&mut Server) -> bool) {
     for _ in 0..1200 {
         if found(server) {
             return;

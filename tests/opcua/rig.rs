@@ -74,11 +74,17 @@ impl Server {
     }
 
     /// Kills it; another one begins at the same place.
-    pub(crate) fn dies(mut self, arguments: &[&str]) -> Server {
+    pub(crate) fn dies(self, arguments: &[&str]) -> Server {
+        self.dies_for(Duration::ZERO, arguments)
+    }
+
+    /// The same; there is none for so long.
+    pub(crate) fn dies_for(mut self, span: Duration, arguments: &[&str]) -> Server {
         let port = self.port.to_string();
         self.child.kill().unwrap();
         self.child.wait().unwrap();
         drop(self);
+        std::thread::sleep(span);
         Server::start(&[&["--port", port.as_str()], arguments].concat())
     }
 }
@@ -137,6 +143,12 @@ scale = 0.1
     )
 }
 
+/// The same machine, whose server sends its signals by itself.
+pub(crate) fn subscribing(port: u16) -> String {
+    let every = "every = \"100ms\"";
+    machine(port, "").replacen(every, &format!("{every}\nread = \"subscription\""), 1)
+}
+
 /// The profile of this text, whose files are in this directory.
 pub(crate) fn profile(text: &str, directory: &Path) -> Profile {
     let path = directory.join("machine.toml");
@@ -162,6 +174,12 @@ impl Line {
     pub(crate) fn to(server: &Server) -> Line {
         let directory = tempfile::tempdir().unwrap();
         Line::new(profile(&machine(server.port, ""), directory.path()))
+    }
+
+    /// To a server that sends its signals by itself.
+    pub(crate) fn subscribed(server: &Server) -> Line {
+        let directory = tempfile::tempdir().unwrap();
+        Line::new(profile(&subscribing(server.port), directory.path()))
     }
 
     pub(crate) async fn asks(&mut self, request: Request<'_>) -> Result<Answered, Fault> {

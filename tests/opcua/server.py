@@ -15,6 +15,10 @@ log                  prints each call that wrote or read nodes that are written,
 sessions NUMBER      so many sessions may be made from now on
 drop                 every session is over
 open                 prints how many sessions there are
+silent on|off        subscriptions send nothing
+forget               every subscription is ended, and nobody is told
+subscriptions        prints how many there are
+reads                prints how often nodes of these were read by a call
 read NAME            prints what the node holds
 taken                prints how many logins there are, and how many lists of nodes are kept for whoever asks on
 
@@ -24,11 +28,13 @@ import argparse
 import asyncio
 import os
 import sys
+import time
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 from asyncua import Server, ua
-from asyncua.server.internal_session import InternalSession
+from asyncua.server.internal_session import InternalSession, SessionState
+from asyncua.server.internal_subscription import InternalSubscription
 from asyncua.server.uaprocessor import UaProcessor
 from asyncua.server.user_managers import UserManager
 from asyncua.ua.ua_binary import struct_from_binary
@@ -40,11 +46,22 @@ parser.add_argument("--cert")
 parser.add_argument("--key")
 parser.add_argument("--user")
 parser.add_argument("--user-cert")
-parser.add_argument("--most", type=int, default=0)
 parser.add_argument("--few", type=int, default=0)
 parser.add_argument("--most-written", type=int, default=0)
 parser.add_argument("--holds", action="append", default=[])
+parser.add_argument("--most", type=int, default=0, help="so many nodes in a call, read or subscribed to")
+parser.add_argument("--subscriptions", type=int, default=1000, help="so many at once")
+parser.add_argument("--journal", help="a file to which is added what is told and written, each with its moment")
+parser.add_argument("--interval", type=float, default=0, help="subscriptions send no sooner than this, milliseconds")
 arguments = parser.parse_args()
+
+journal = open(arguments.journal, "a", buffering=1) if arguments.journal else None
+
+
+def note(*words):
+    if journal:
+        print(time.monotonic(), *words, file=journal)
+
 
 NODES = {
     "bed": (20.0, ua.VariantType.Float),
@@ -73,6 +90,22 @@ def variant(name, number):
 
 # A session outlives its connection, as the standard has it; asyncua alone lets only those with subscriptions.
 UaProcessor._should_close_session_on_transport_loss = lambda self: False
+process = UaProcessor._process_message
+BEGINS = {
+    ua.ObjectIds.GetEndpointsRequest_Encoding_DefaultBinary,
+    ua.ObjectIds.CreateSessionRequest_Encoding_DefaultBinary,
+    ua.ObjectIds.ActivateSessionRequest_Encoding_DefaultBinary,
+}
+
+
+async def processed(self, kind, *rest):
+    # One that is over is served no more, as the standard has it; asyncua alone goes on.
+    if self.session and self.session.state is SessionState.Closed and kind.Identifier not in BEGINS:
+        raise ua.uaerrors.BadSessionIdInvalid()
+    return await process(self, kind, *rest)
+
+
+UaProcessor._process_message = processed
 
 
 class OneUser(UserManager):
@@ -122,6 +155,8 @@ async def main():
     if arguments.most:
         limit = server.get_node(ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxNodesPerRead)
         await limit.write_value(ua.Variant(arguments.most, ua.VariantType.UInt32))
+        limit = server.get_node(ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxMonitoredItemsPerCall)
+        await limit.write_value(ua.Variant(arguments.most, ua.VariantType.UInt32))
     if arguments.most_written:
         limit = server.get_node(ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxNodesPerWrite)
         await limit.write_value(ua.Variant(arguments.most_written, ua.VariantType.UInt32))
@@ -137,7 +172,7 @@ async def main():
         held["taken"] = ua.Variant(up, ua.VariantType.Boolean)
         await stamp()
 
-    def note(what, asked):
+    def told(what, asked):
         found = [name for name in (names.get(one.NodeId) for one in asked) if name]
         if found and not any(name in READ_ONLY for name in found):
             log.append(f"{what} {' '.join(found)}")
@@ -146,7 +181,7 @@ async def main():
         results = []
         if arguments.most_written and len(params.NodesToWrite) > arguments.most_written:
             raise ua.uaerrors.BadTooManyOperations()
-        note("write", params.NodesToWrite)
+        told("write", params.NodesToWrite)
         for one in params.NodesToWrite:
             name = names.get(one.NodeId)
             if name in digits:
@@ -162,6 +197,7 @@ async def main():
             else:
                 done = (await write(alone, user))[0]
                 if done.is_good() and name:
+                    note("write", name, held[name].Value, one.Value.Value.Value)
                     held[name] = one.Value.Value
                     values[name].append(one.Value.Value.Value)
                     if name in ends:
@@ -173,10 +209,13 @@ async def main():
                 await asyncio.sleep(held_back.pop(name))
         return results
 
+    reads = [0]
+
     def asked(params):
+        reads[0] += any(one.NodeId in names for one in params.NodesToRead)
         if arguments.most and len(params.NodesToRead) > arguments.most:
             raise ua.uaerrors.BadTooManyOperations()
-        note("read", params.NodesToRead)
+        told("read", params.NodesToRead)
         if any(ends.get(names.get(one.NodeId)) for one in params.NodesToRead):
             os._exit(1)
         return read(params)
@@ -217,6 +256,27 @@ async def main():
 
     server.iserver.view_service.browse = browsed
     UaProcessor._process_message = processed
+    server.iserver.max_subscriptions = arguments.subscriptions
+    subscribing = server.iserver.subscription_service
+    subscribe, monitor = subscribing.create_subscription, subscribing.create_monitored_items
+
+    async def subscribed(params, *rest, **more):
+        params.RequestedPublishingInterval = max(params.RequestedPublishingInterval, arguments.interval)
+        return await subscribe(params, *rest, **more)
+
+    async def monitored(params):
+        if arguments.most and len(params.ItemsToCreate) > arguments.most:
+            raise ua.uaerrors.BadTooManyOperations()
+        return await monitor(params)
+
+    subscribing.create_subscription, subscribing.create_monitored_items = subscribed, monitored
+    silent = [False]
+    publish = InternalSubscription.publish_results
+
+    async def published(self, *rest):
+        return False if silent[0] else await publish(self, *rest)
+
+    InternalSubscription.publish_results = published
     left = [None]
     create = server.iserver.create_session
 
@@ -246,6 +306,7 @@ async def main():
 
     async with server:
         port = server.bserver._server.sockets[0].getsockname()[1]
+        note("start")
         print(port, flush=True)
         stamping = asyncio.create_task(stamps())
         lines = asyncio.StreamReader()
@@ -253,6 +314,7 @@ async def main():
         await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(lines), sys.stdin)
         while line := (await lines.readline()).decode().split():
             answer = "done"
+            note(*line)
             match line:
                 case ["value", name, number]:
                     held[name] = variant(name, number)
@@ -287,6 +349,14 @@ async def main():
                 case ["drop"]:
                     for session in list(server.iserver._external_sessions.values()):
                         await session.close_session(True)
+                case ["silent", how]:
+                    silent[0] = how == "on"
+                case ["forget"]:
+                    await subscribing.delete_subscriptions(list(subscribing.subscriptions))
+                case ["subscriptions"]:
+                    answer = str(len(subscribing.subscriptions))
+                case ["reads"]:
+                    answer = str(reads[0])
                 case ["open"]:
                     answer = str(len(server.iserver._external_sessions))
                 case ["read", name]:

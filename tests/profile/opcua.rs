@@ -5,6 +5,8 @@ use isotherm_core::codec::{Address, DataType};
 use isotherm_profile::plan::ReadTarget;
 use isotherm_profile::{DeviceId, Security, SourceTime, Transport};
 
+const SECOND: std::time::Duration = std::time::Duration::from_secs(1);
+
 const SERVER: &str = r#"[machine]
 name = "server"
 
@@ -97,6 +99,29 @@ fn check_says_what_is_asked_and_written_and_how_the_messages_are_protected() {
         assert!(text.contains(said), "`{said}` is not in:\n{text}");
     }
     assert!(!text.contains("unit 0"), "{text}");
+}
+
+#[test]
+fn a_subscription_is_told_and_wants_readings_that_may_be_four_periods_old() {
+    let every = "every = \"1s\"\n";
+    let text =
+        SERVER.replacen(every, &format!("{every}read = \"subscription\"\nsource_time = \"changed\"\n"), 1);
+    let profile = parse(&text).unwrap_or_else(|errors| panic!("{errors}")).profile;
+    let requests = profile.requests(DeviceId(0));
+    let ReadTarget::Subscription(sent) = &requests[0].asks else { panic!("{requests:?}") };
+    assert_eq!(
+        (sent.nodes.len(), sent.every, sent.max_age),
+        (2, SECOND, SECOND * 5),
+        "the youngest: five periods"
+    );
+    assert!(!sent.by_stamp);
+    let said = isotherm_profile::preview::Preview::of(&profile).to_string();
+    assert!(said.contains("the server sends what has changed (a subscription)"), "{said}");
+    assert!(said.contains("subscribe to 2 nodes"), "{said}");
+    let young = text.replacen("max_age = \"10s\"", "max_age = \"3s\"", 1);
+    let error = only_error(&young, "signal.bed.max_age", "\"3s");
+    assert!(error.to_string().contains("4 periods old"), "{error}");
+    assert!(error.to_string().contains("allow \"5s\""), "{error}");
 }
 
 #[test]

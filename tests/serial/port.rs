@@ -14,7 +14,7 @@ use isotherm::fieldbus::error::Fault;
 use isotherm::fieldbus::line::DeviceLine;
 use isotherm::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::{Register, Table, checksum};
-use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Parity, Quirks, Serial, Transport};
+use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Parity, Quirks, ReadBy, Serial, Transport};
 use rustix::fs::OFlags;
 use rustix::io::Errno;
 use rustix::pty::OpenptFlags;
@@ -131,6 +131,7 @@ pub(crate) fn line(bus: &Bus, count: u8) -> DeviceLine {
         template: None,
         can: None,
         source_time: None,
+        read: ReadBy::Poll,
         name: format!("unit{unit}"),
         bus: BusId(0),
         unit,

@@ -58,7 +58,7 @@ pub use tables::heartbeat::Heartbeat;
 pub use tables::history::History;
 pub use tables::label::labelled;
 pub use tables::machine::{Arm, OnStop};
-pub use tables::opcua::SourceTime;
+pub use tables::opcua::{ReadBy, SourceTime};
 pub use tables::output::Output;
 pub use tables::output::applied::Applied;
 pub use tables::output::display::{Beside, Display, Shown, Stale};

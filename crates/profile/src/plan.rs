@@ -3,12 +3,13 @@
 //! Neighbours in one table share a request, also across a few registers that nobody asked for: a request costs a
 //! round trip, a register two bytes. A device that refuses registers it does not have wants `max_gap = 0`; one that
 //! serves a register wrongly among others has signals with `merge = false`. A CANopen object is a request of its own, what
-//! comes in CAN frames is not asked for, and all nodes of an OPC UA server are one request.
+//! comes in CAN frames is not asked for, and all nodes of an OPC UA server are one request, or one subscription.
 
 use std::fmt;
+use std::time::Duration;
 
 use crate::document::Section;
-use crate::{Device, Profile, Quirks, Signal};
+use crate::{Device, Profile, Quirks, ReadBy, Signal, SourceTime};
 use isotherm_core::codec::{Address, Node, Object, Register};
 use isotherm_core::reading::SignalId;
 
@@ -38,6 +39,21 @@ pub enum ReadTarget {
     Object(Object),
     /// Nodes of an OPC UA server, each a field of the answer.
     Nodes(Vec<Node>),
+    /// What the server has sent of such nodes.
+    Subscription(Subscription),
+}
+
+/// Nodes that an OPC UA server sends by itself, each a field of the answer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Subscription {
+    /// Which.
+    pub nodes: Vec<Node>,
+    /// How often it looks at them, and sends what has changed.
+    pub every: Duration,
+    /// How old the youngest of their values may become.
+    pub max_age: Duration,
+    /// A value is sent for its time stamp alone, too: that says when it was measured.
+    pub by_stamp: bool,
 }
 
 /// The part of an answer that is one signal.
@@ -62,6 +78,7 @@ pub fn plan<'a>(
     let mut requests: Vec<ReadRequest> = Vec::new();
     let mut together: Vec<ReadRequest> = Vec::new();
     let mut nodes: Vec<(Field, Node)> = Vec::new();
+    let mut max_age = Duration::MAX;
     for (id, signal) in signals {
         let data_type = signal.encoding.data_type;
         let field = Field { signal: id, at: 0, len: data_type.registers() };
@@ -70,6 +87,7 @@ pub fn plan<'a>(
             Address::Object(object) => ReadTarget::Object(*object),
             Address::Node(node) => {
                 nodes.push((field, node.clone()));
+                max_age = max_age.min(signal.max_age);
                 continue;
             }
             // Nobody can be asked for it.
@@ -88,17 +106,24 @@ pub fn plan<'a>(
         }
     }
     requests.extend(merged);
-    requests.extend(all_nodes(nodes));
+    requests.extend(all_nodes(nodes, device, max_age));
     requests.sort_by_key(ReadRequest::rank);
     requests
 }
 
-/// The one request that reads all of these.
-fn all_nodes(nodes: Vec<(Field, Node)>) -> Option<ReadRequest> {
+/// The one request that brings all of these.
+fn all_nodes(nodes: Vec<(Field, Node)>, device: &Device, max_age: Duration) -> Option<ReadRequest> {
     let numbered = nodes.into_iter().zip(0..);
     let (fields, nodes): (Vec<_>, Vec<_>) =
         numbered.map(|((field, node), at)| (Field { at, ..field }, node)).unzip();
-    (!fields.is_empty()).then_some(ReadRequest { asks: ReadTarget::Nodes(nodes), fields })
+    let by_stamp = device.source_time == Some(SourceTime::Sampled);
+    let asks = match device.read {
+        ReadBy::Poll => ReadTarget::Nodes(nodes),
+        ReadBy::Subscription => {
+            ReadTarget::Subscription(Subscription { nodes, every: device.every, max_age, by_stamp })
+        }
+    };
+    (!fields.is_empty()).then_some(ReadRequest { asks, fields })
 }
 
 impl ReadRequest {
@@ -159,6 +184,14 @@ impl fmt::Display for ReadRequest {
             ReadTarget::Object(object) => return write!(f, "read {object}"),
             ReadTarget::Nodes(nodes) if nodes.len() == 1 => return write!(f, "read 1 node"),
             ReadTarget::Nodes(nodes) => return write!(f, "read {} nodes", nodes.len()),
+            ReadTarget::Subscription(Subscription { nodes, .. }) => {
+                return write!(
+                    f,
+                    "subscribe to {} node{}",
+                    nodes.len(),
+                    if nodes.len() == 1 { "" } else { "s" }
+                );
+            }
         };
         let last = Register { offset: first.offset.saturating_add(count - 1), ..first };
         let plural = if count == 1 { "" } else { "s" };
@@ -184,7 +217,7 @@ pub fn summary(requests: &[ReadRequest]) -> String {
     };
     let (registers, bits): (usize, usize) = (touched(false), touched(true));
     let nodes = requests.iter().map(|request| match &request.asks {
-        ReadTarget::Nodes(nodes) => nodes.len(),
+        ReadTarget::Nodes(nodes) | ReadTarget::Subscription(Subscription { nodes, .. }) => nodes.len(),
         ReadTarget::Registers { .. } | ReadTarget::Object(_) => 0,
     });
     let cells: Vec<String> = [(registers, "register"), (bits, "bit"), (nodes.sum(), "node")]

@@ -6,7 +6,7 @@ use crate::clock::{Passing, TimeOfDay};
 use crate::fieldbus::wire::Boxed;
 use crate::fieldbus::wire::Wire;
 use isotherm_core::codec::{Register, Table};
-use isotherm_profile::{BusId, Quirks};
+use isotherm_profile::{BusId, Quirks, ReadBy};
 
 /// What happens to one request or one attempt to connect.
 #[derive(Clone, Debug)]
@@ -164,6 +164,7 @@ fn line_of(timeout: Duration, change: impl Fn(&mut Device)) -> (Rig, Shared) {
             template: None,
             can: None,
             source_time: None,
+            read: ReadBy::Poll,
             quirks: Quirks::default(),
         };
         change(&mut device);

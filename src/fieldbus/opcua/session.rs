@@ -1,6 +1,6 @@
 //! A session with a server: made, taken up again on a new channel, and what the server allows in it.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use ::opcua::client::services::{ActivateSession, CloseSession, Read};
@@ -38,6 +38,8 @@ struct Held {
     token: NodeId,
     /// The number that the next signature is to contain.
     nonce: ByteString,
+    /// What it has been given in the session, and not given back.
+    subscriptions: Vec<u32>,
 }
 
 /// How many nodes a server takes in one call.
@@ -67,13 +69,13 @@ pub(super) async fn endpoints(
     }
 }
 
-fn header(token: &NodeId, handle: u32, timeout: Duration) -> RequestHeader {
+pub(super) fn header(token: &NodeId, handle: u32, timeout: Duration) -> RequestHeader {
     let timeout_hint = u32::try_from(timeout.as_millis()).unwrap_or(u32::MAX);
     RequestHeader { timeout_hint, ..RequestHeader::new(token, &DateTime::now(), handle) }
 }
 
 /// What a server says in place of an answer.
-fn refused(answer: &ResponseMessage) -> Error {
+pub(super) fn refused(answer: &ResponseMessage) -> Error {
     let status = match answer {
         ResponseMessage::ServiceFault(fault) => fault.response_header.service_result,
         _ => StatusCode::BadUnknownResponse,
@@ -108,11 +110,15 @@ impl Session {
     }
 
     fn held(&self) -> Option<Held> {
-        self.held.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.lock().clone()
     }
 
     fn hold(&self, held: Option<Held>) {
-        *self.held.lock().unwrap_or_else(PoisonError::into_inner) = held;
+        *self.lock() = held;
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<Held>> {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Takes it up on a new channel.
@@ -180,7 +186,11 @@ impl Session {
             verify_signature_data(&made.server_signature, policy, &server, cert, nonce.as_ref())
                 .map_err(not_proven)?;
         }
-        Ok(Held { token: made.authentication_token.clone(), nonce: made.server_nonce.clone() })
+        Ok(Held {
+            token: made.authentication_token.clone(),
+            nonce: made.server_nonce.clone(),
+            subscriptions: Vec::new(),
+        })
     }
 
     async fn activate(
@@ -221,21 +231,42 @@ impl Session {
         let read = VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerRead;
         let write = VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerWrite;
         // One each: both at once may be one too many.
-        Ok(Limits { read: self.most(link, read).await?, write: self.most(link, write).await? })
+        let read = self.most(link, read).await.map_err(|error| call_fault(&error))?;
+        let write = self.most(link, write).await.map_err(|error| call_fault(&error))?;
+        Ok(Limits { read, write })
     }
 
-    async fn most(&self, link: &mut Link, of: VariableId) -> Result<usize, Fault> {
+    /// What the server has as this limit of its own.
+    pub(super) async fn most(&self, link: &mut Link, limit: VariableId) -> Result<usize, Error> {
         let channel = link.channel.clone();
         let read = Read::new_manual(0, OPENING, self.token(), channel.request_handle())
             .timestamps_to_return(TimestampsToReturn::Neither)
-            .node(value_of(of.into()));
-        let answer = link.ask(read.send(&channel)).await.map_err(|error| call_fault(&error))?;
-        let found = answer.results.unwrap_or_default();
+            .node(value_of(limit.into()));
+        let found = link.ask(read.send(&channel)).await?.results.unwrap_or_default();
         let most = found.first().and_then(|found| match found.value {
             Some(::opcua::types::Variant::UInt32(most)) if most > 0 => usize::try_from(most).ok(),
             _ => None,
         });
         Ok(most.unwrap_or(usize::MAX))
+    }
+
+    /// The server has given it this subscription.
+    pub(super) fn subscribes(&self, id: u32) {
+        if let Some(held) = self.lock().as_mut() {
+            held.subscriptions.push(id);
+        }
+    }
+
+    /// What it has been given, on this connection or an earlier one.
+    pub(super) fn subscriptions(&self) -> Vec<u32> {
+        self.held().map_or_else(Vec::new, |held| held.subscriptions)
+    }
+
+    /// These are given back.
+    pub(super) fn forgets(&self, ids: &[u32]) {
+        if let Some(held) = self.lock().as_mut() {
+            held.subscriptions.retain(|id| !ids.contains(id));
+        }
     }
 }
 

@@ -37,11 +37,11 @@ pub(super) fn reading(node: &Node, value: &DataValue, answered: DateTime) -> Nod
         Some(value) => scalar(value).ok_or(Reason::WrongType),
         None => Err(Reason::BadReply),
     };
-    NodeReading { value: scalar.and_then(|scalar| node.registers(scalar)), stamped }
+    NodeReading { value: scalar.and_then(|scalar| node.registers(scalar)), stamped, asked: None }
 }
 
 /// How long before the one moment the other was.
-fn since(source: i64, server: i64) -> Stamped {
+pub(super) fn since(source: i64, server: i64) -> Stamped {
     let ticks = source.abs_diff(server);
     let apart = Duration::from_secs(ticks / TICKS) + Duration::from_nanos(100 * (ticks % TICKS));
     match source <= server {

@@ -1,12 +1,17 @@
 //! One request and its answer in a session.
 
+use std::time::Duration;
+
 use ::opcua::client::UARequest;
 use ::opcua::client::services::{Read, Write};
 use ::opcua::types::{AttributeId, DataValue, DateTime, Error, TimestampsToReturn, VariableId, WriteValue};
 use isotherm_core::codec::Node;
 use isotherm_core::reading::Status;
+use isotherm_profile::plan::Subscription;
 
+use super::OPENING;
 use super::channel::Link;
+use super::publishing::{Latest, Publishing};
 use super::session::{Limits, Session, value_of};
 use super::status::{all_written, call_fault, is_of_the_session};
 use super::value::{node_id, reading, variant};
@@ -19,11 +24,12 @@ pub(super) struct OpcUa {
     link: Link,
     session: Session,
     limits: Limits,
+    publishing: Publishing,
 }
 
 impl OpcUa {
     pub(super) fn new(link: Link, session: Session, limits: Limits) -> OpcUa {
-        OpcUa { link, session, limits }
+        OpcUa { link, session, limits, publishing: Publishing::default() }
     }
 
     async fn exchange(&mut self, request: Request<'_>, departure: &mut Departure) -> Result<Answer, Fault> {
@@ -36,7 +42,28 @@ impl OpcUa {
         }
         match request {
             NodeRequest::Read(nodes) => self.read(nodes, departure).await,
+            NodeRequest::Latest(asked) => self.latest(asked, departure).await,
             NodeRequest::Write { nodes, values } => self.write(nodes, values, departure).await,
+        }
+    }
+
+    /// What the server has sent by now, where that says how everything stands; else what is read.
+    async fn latest(&mut self, asked: &Subscription, departure: &mut Departure) -> Result<Answer, Fault> {
+        let now = departure.leave()?;
+        let OpcUa { link, session, publishing, .. } = self;
+        let taken_in = publishing.take_in(link, session, now).await;
+        taken_in.map_err(|error| self.failed(&error))?;
+        match self.publishing.latest(asked, now) {
+            Latest::Known(nodes) => Ok(Answer::Nodes(nodes)),
+            Latest::Unknown => self.read(&asked.nodes, departure).await,
+            Latest::Silent => Err(Fault::Peer(PeerFault::Silent)),
+            Latest::New => {
+                let answer = self.read(&asked.nodes, departure).await?;
+                let OpcUa { link, session, publishing, .. } = self;
+                let subscribed = publishing.subscribe(link, session, asked, now).await;
+                subscribed.map_err(|error| self.failed(&error))?;
+                Ok(answer)
+            }
         }
     }
 
@@ -141,6 +168,17 @@ impl Wire for OpcUa {
         departure: &'a mut Departure,
     ) -> Boxed<'a, Result<Answer, Fault>> {
         Box::pin(self.exchange(request, departure))
+    }
+
+    fn time_under_way(&self, request: Request<'_>) -> Duration {
+        match request {
+            Request::Nodes(NodeRequest::Latest(asked)) if self.publishing.may_take_long(asked) => OPENING,
+            _ => Duration::ZERO,
+        }
+    }
+
+    fn subscription_news(&mut self) -> Option<String> {
+        self.publishing.news()
     }
 
     fn close(&mut self) -> Boxed<'_, ()> {

@@ -77,6 +77,7 @@ pub(super) fn asked(request: Request<'_>) -> String {
             format!("send {id}, {bits} ={}", listed(values))
         }
         Request::Nodes(NodeRequest::Read(nodes)) => format!("read{}", listed(nodes)),
+        Request::Nodes(NodeRequest::Latest(sent)) => format!("latest{}", listed(&sent.nodes)),
         Request::Nodes(NodeRequest::Write { nodes, values }) => {
             format!("write{} ={}", listed(nodes), listed(values))
         }

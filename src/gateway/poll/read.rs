@@ -138,7 +138,8 @@ impl Poll {
                 (Ok(captured), Ok(answered)) => {
                     let value = answered.answer.decode(field, &signal.encoding);
                     let value = value.and_then(|value| is_fit.then_some(value).ok_or(Reason::NotAsExpected));
-                    let asked = captured.map_or(answered.asked, |captured| captured.min(answered.asked));
+                    let asked = answered.answer.asked(field).unwrap_or(answered.asked);
+                    let asked = captured.map_or(asked, |captured| captured.min(asked));
                     let (value, taken) = stamped.believed(answered.answer.stamped(field), value, asked);
                     core.board.store(field.signal, value, taken);
                 }

@@ -266,6 +266,9 @@ impl Event {
                      from the profile"
                 ),
             ),
+            Event::Subscription { device, what } => {
+                warning("subscription", format!("device {device}: its subscription: {what}"))
+            }
             Event::StoodStill { span } => warning(
                 "stood-still",
                 format!(

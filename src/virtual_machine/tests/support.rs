@@ -9,8 +9,8 @@ use isotherm_core::compensation::settings::{
 use isotherm_core::quantity::{Micron, MicronPerSecond};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{
-    Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, OnStop, Output, Quirks, Share, Signal,
-    Transport, Unit, Verify, Writes,
+    Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, OnStop, Output, Quirks, ReadBy, Share,
+    Signal, Transport, Unit, Verify, Writes,
 };
 
 pub(crate) const THERMOCOUPLES: u8 = 1;
@@ -180,6 +180,7 @@ pub(super) fn device(name: &str, bus: usize, unit: u8) -> Device {
         template: None,
         can: None,
         source_time: None,
+        read: ReadBy::Poll,
     }
 }
 

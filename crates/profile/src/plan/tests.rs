@@ -21,6 +21,7 @@ fn device(quirks: Quirks) -> Device {
         template: None,
         can: None,
         source_time: None,
+        read: ReadBy::Poll,
         quirks,
     }
 }
@@ -64,6 +65,7 @@ fn shape(requests: &[ReadRequest]) -> Vec<String> {
             ReadTarget::Registers { from, count } => format!("{from}+{count}"),
             ReadTarget::Object(object) => format!("read {object}"),
             ReadTarget::Nodes(nodes) => format!("{} nodes", nodes.len()),
+            ReadTarget::Subscription(sent) => format!("{} nodes by themselves", sent.nodes.len()),
         };
         format!("{span} [{}]", fields.join(" "))
     };

@@ -9,7 +9,7 @@ use serde::Deserialize;
 use super::bus::periods::EVERY;
 use super::bus::{APART, LineKind, Transport};
 use super::label::{self, labelled};
-use super::opcua::SourceTime;
+use super::opcua::{ReadBy, SourceTime};
 use super::quirks::{Quirks, RawQuirks};
 use super::{At, Check, dbc};
 use crate::document::Section;
@@ -69,6 +69,9 @@ pub(crate) struct RawDevice {
     /// OPC UA: what the time says that the server stamps a value with. "sampled": when it was measured, so that the reading is
     /// as old as that. "changed": when it changed last, which says nothing of its age. Default "sampled".
     source_time: Option<SourceTime>,
+    /// OPC UA: how its signals come. "poll": they are asked for. "subscription": the server looks at them and sends what has changed,
+    /// both once in `every`. Default "poll".
+    read: Option<ReadBy>,
     /// CANopen: whether it is started by NMT, at the beginning and after each boot-up. Default true.
     start: Option<bool>,
     /// CANopen: its heartbeat missed this long, or never seen this long, is a fault. Default: not watched.
@@ -131,6 +134,8 @@ pub struct Device {
     pub can: Option<CanDevice>,
     /// What the time stamps of an OPC UA server say; `None` on every other line.
     pub source_time: Option<SourceTime>,
+    /// How the signals of an OPC UA server come; of any other device they are asked for.
+    pub read: ReadBy,
 }
 
 impl Device {
@@ -165,6 +170,10 @@ impl Device {
         });
         section.lines("    ", stamped);
         section.entry("source_time", stamped);
+        let sent = (self.read == ReadBy::Subscription)
+            .then_some("the server sends what has changed (a subscription); nothing is asked for");
+        section.lines("    ", sent);
+        section.entry("read", sent);
         section.entry("name", name);
         section.entry("label", &self.label);
         section.entry("bus", &profile.bus(self.bus).name);
@@ -253,7 +262,7 @@ impl RawDevice {
             at.foreign(&["unit", "functions", "quirks", "base"], "a Modbus device", help);
         } else if kind.is_some() {
             let help = "remove it, or put the device on an opcua line";
-            at.foreign(&["source_time"], "a device on an OPC UA line", help);
+            at.foreign(&["source_time", "read"], "a device on an OPC UA line", help);
         }
         let can = node::resolve(self, at, on_can);
         let unit = if on_can == Some(true) {
@@ -291,6 +300,7 @@ impl RawDevice {
             template,
             can,
             source_time: on_opcua.then(|| self.source_time.unwrap_or_default()),
+            read: self.read.unwrap_or_default(),
         })
     }
 

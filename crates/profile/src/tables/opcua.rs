@@ -19,6 +19,18 @@ pub enum SourceTime {
     Changed,
 }
 
+/// How the signals of a server come.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(rename = "ReadWord", description = "")]
+pub enum ReadBy {
+    /// They are asked for.
+    #[default]
+    Poll,
+    /// They are sent when they change.
+    Subscription,
+}
+
 /// Where a word or a bit is that is no output's value: in a register, or in a node of an OPC UA server.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]

@@ -13,7 +13,7 @@ use super::{At, dbc, expression, opcua};
 use crate::dbc::Described;
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
-use crate::{DeviceId, Profile};
+use crate::{DeviceId, Profile, ReadBy};
 use counter::{Capture, RawCounter};
 use isotherm_core::codec::{Address, Counter, DataType, Encoding, Sentinel};
 use isotherm_core::compensation::model::Condition;
@@ -524,6 +524,14 @@ impl RawSignal {
         }
         let figures =
             format!("`max_age` is {}, `{}` is read every {}", shown(age), device.name, shown(every));
+        if device.read == ReadBy::Subscription && age < SENT_WITHIN * every {
+            let help = format!(
+                "allow \"{}\", or write read = \"poll\" at the device",
+                shown((SENT_WITHIN + 1) * every)
+            );
+            at.wrong(format!("{figures}: what a subscription brings may be {SENT_WITHIN} periods old"), help);
+            return None;
+        }
         let help = format!("allow at least two polls, \"{}\"", shown(2 * every));
         if age <= every {
             at.wrong(format!("{figures}: the signal would always go stale"), help);
@@ -564,6 +572,9 @@ fn sentinels_fit(at: &At<'_>, encoding: &Encoding) {
 }
 
 /// Why a value in frames has no `type`.
+/// Sampled, sent, asked for by the round before and taken by the next: so many periods old may be what a subscription brings.
+const SENT_WITHIN: u32 = 4;
+
 const OF_BITS: &str = "remove it: `length`, `signed` and `float` say it";
 
 fn no_fill(at: &At<'_>, is_there: bool) {

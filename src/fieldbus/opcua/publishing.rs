@@ -1,0 +1,265 @@
+//! The Publish requests that wait at a server, one for each subscription, and what their answers say.
+
+use std::collections::VecDeque;
+use std::future::Future;
+use std::pin::Pin;
+use std::time::Duration;
+
+use ::opcua::client::UARequest;
+use ::opcua::client::services::Publish;
+use ::opcua::types::{Error, PublishResponse, StatusCode, SubscriptionAcknowledgement, VariableId};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::plan::Subscription;
+
+use super::channel::Link;
+use super::session::Session;
+use super::status::call_fault;
+use super::subscription::{Heard, Subscribed, subscribe, unsubscribe};
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::wire::NodeReading;
+
+/// What is subscribed to on one connection.
+#[derive(Default)]
+pub(super) struct Publishing {
+    of: Vec<(Subscription, State)>,
+    /// In the order in which they left, which is that of their answers.
+    waiting: VecDeque<Waiting>,
+    news: Option<String>,
+}
+
+enum State {
+    Sent(Subscribed),
+    /// The server does not do it, or not fast enough: the nodes are read.
+    Refused,
+}
+
+/// A Publish request without an answer.
+struct Waiting {
+    asked: Moment,
+    answer: Pin<Box<dyn Future<Output = Result<PublishResponse, Error>> + Send>>,
+}
+
+/// What is known of the nodes of a subscription.
+pub(super) enum Latest {
+    /// This.
+    Known(Vec<NodeReading>),
+    /// Not of all of them: they are read.
+    Unknown,
+    /// Nothing: they have not been subscribed to.
+    New,
+    /// Nothing any more: the server has broken its word.
+    Silent,
+}
+
+impl Publishing {
+    /// Takes in what has come, and leaves as many requests at the server as there are subscriptions.
+    ///
+    /// # Errors
+    /// The connection or the session is at its end.
+    pub(super) async fn take_in(
+        &mut self,
+        link: &mut Link,
+        session: &Session,
+        now: Moment,
+    ) -> Result<(), Error> {
+        let mut is_more = false;
+        for _ in 0..self.waiting.len() {
+            let Some(mut first) = self.waiting.pop_front() else { break };
+            let answered = tokio::select! {
+                biased;
+                answered = &mut first.answer => answered,
+                () = std::future::ready(()) => {
+                    self.waiting.push_back(first);
+                    continue;
+                }
+            };
+            is_more |= self.hear(answered, first.asked, now)?;
+        }
+        loop {
+            self.ask(link, session, now).await?;
+            let first = if is_more { self.waiting.pop_front() } else { None };
+            let Some(first) = first else { return Ok(()) };
+            let answered = link.ask(first.answer).await;
+            is_more = self.hear(answered, first.asked, now)?;
+        }
+    }
+
+    /// Whether there is more to come at once.
+    fn hear(
+        &mut self,
+        answered: Result<PublishResponse, Error>,
+        asked: Moment,
+        now: Moment,
+    ) -> Result<bool, Error> {
+        let answer = match answered {
+            Ok(answer) => answer,
+            Err(error) => {
+                return match error.status() {
+                    StatusCode::BadNoSubscription | StatusCode::BadSubscriptionIdInvalid => {
+                        self.of.retain(|(_, state)| matches!(state, State::Refused));
+                        self.lost(Some(error.status()));
+                        Ok(false)
+                    }
+                    // Another one goes out in its place.
+                    StatusCode::BadTooManyPublishRequests | StatusCode::BadTimeout => Ok(false),
+                    _ => Err(error),
+                };
+            }
+        };
+        let id = answer.subscription_id;
+        let sent = self.of.iter_mut().find_map(|(_, state)| match state {
+            State::Sent(subscribed) if subscribed.id == id => Some(subscribed),
+            _ => None,
+        });
+        // What an ended one still says is of no use.
+        let Some(subscribed) = sent else { return Ok(false) };
+        match subscribed.hear(answer, asked, now) {
+            Heard::All => Ok(false),
+            Heard::More => Ok(true),
+            Heard::Lost(why) => {
+                self.of.retain(|(_, state)| !matches!(state, State::Sent(subscribed) if subscribed.id == id));
+                self.lost(why);
+                Ok(false)
+            }
+        }
+    }
+
+    fn lost(&mut self, why: Option<StatusCode>) {
+        self.news = Some(match why {
+            Some(status) => format!("the server has ended it ({status}); it is made anew"),
+            None => "a message of the server is missing; it is made anew".to_owned(),
+        });
+    }
+
+    /// Sends as many requests as are missing at the server, with what is acknowledged.
+    async fn ask(&mut self, link: &mut Link, session: &Session, now: Moment) -> Result<(), Error> {
+        let sent = || self.of.iter().filter_map(|(_, state)| state.sent());
+        // Silence is noticed before.
+        let patience = sent().map(|subscribed| subscribed.patience * 2).max().unwrap_or(Duration::ZERO);
+        for _ in self.waiting.len()..sent().count() {
+            let publish = Publish::new_manual(0, patience, session.token(), link.channel.request_handle())
+                .acks(self.received());
+            let channel = link.channel.clone();
+            let mut answer: Waiting =
+                Waiting { asked: now, answer: Box::pin(async move { publish.send(&channel).await }) };
+            tokio::select! {
+                biased;
+                answered = &mut answer.answer => return answered.map(|_| ()),
+                () = std::future::ready(()) => {}
+            }
+            self.waiting.push_back(answer);
+        }
+        match link.is_closed().await {
+            true => Err(Error::new(StatusCode::BadConnectionClosed, "closed")),
+            false => Ok(()),
+        }
+    }
+
+    fn received(&mut self) -> Vec<SubscriptionAcknowledgement> {
+        let sent = self.of.iter_mut().filter_map(|(_, state)| match state {
+            State::Sent(subscribed) => Some(subscribed),
+            State::Refused => None,
+        });
+        let numbers = sent.flat_map(|subscribed| {
+            let subscription_id = subscribed.id;
+            subscribed
+                .received()
+                .into_iter()
+                .map(move |sequence_number| SubscriptionAcknowledgement { subscription_id, sequence_number })
+        });
+        numbers.collect()
+    }
+
+    /// What is known of these nodes.
+    pub(super) fn latest(&self, asked: &Subscription, now: Moment) -> Latest {
+        match self.of.iter().find(|(of, _)| of == asked) {
+            None => Latest::New,
+            Some((_, State::Refused)) => Latest::Unknown,
+            Some((_, State::Sent(subscribed))) if subscribed.is_silent(now) => Latest::Silent,
+            Some((_, State::Sent(subscribed))) if subscribed.is_to_be_made_anew(now) => Latest::New,
+            Some((_, State::Sent(subscribed))) => {
+                subscribed.readings(asked).map_or(Latest::Unknown, Latest::Known)
+            }
+        }
+    }
+
+    /// Their nodes may have to be subscribed to.
+    pub(super) fn may_take_long(&self, asked: &Subscription) -> bool {
+        let is_whole = |state: &State| !state.sent().is_some_and(|sent| sent.lacks);
+        !self.of.iter().any(|(of, state)| of == asked && is_whole(state))
+    }
+
+    /// Subscribes to these nodes; where the server does not do that, or too slowly, they are read from now on.
+    ///
+    /// # Errors
+    /// The server does not answer.
+    pub(super) async fn subscribe(
+        &mut self,
+        link: &mut Link,
+        session: &Session,
+        asked: &Subscription,
+        now: Moment,
+    ) -> Result<(), Error> {
+        self.of.retain(|(of, _)| of != asked);
+        self.end_others(link, session).await?;
+        let most = VariableId::Server_ServerCapabilities_OperationLimits_MaxMonitoredItemsPerCall;
+        let most = session.most(link, most).await?;
+        let state = match subscribe(link, session, asked, (most, now)).await {
+            Ok((_, revised)) if revised.oldest(asked) > asked.max_age => {
+                self.news = Some(format!(
+                    "a value may be {:?} old before the server sends it or says that it still holds, and `max_age` is {:?}: \
+                     its nodes are read instead. Raise `max_age`, or write read = \"poll\"",
+                    revised.oldest(asked),
+                    asked.max_age
+                ));
+                State::Refused
+            }
+            Ok((subscribed, revised)) => {
+                self.news = revised.news(asked);
+                State::Sent(subscribed)
+            }
+            Err(error) => match call_fault(&error) {
+                Fault::Status(_) => {
+                    self.news = Some(format!(
+                        "the server refuses it ({}): its nodes are read instead",
+                        error.status()
+                    ));
+                    State::Refused
+                }
+                _ => return Err(error),
+            },
+        };
+        let is_refused = matches!(state, State::Refused);
+        self.of.push((asked.clone(), state));
+        if is_refused {
+            self.end_others(link, session).await?;
+        }
+        self.ask(link, session, now).await
+    }
+
+    /// The server ends what is not listened to here: of an earlier connection, of one that was lost or is too slow.
+    async fn end_others(&mut self, link: &mut Link, session: &Session) -> Result<(), Error> {
+        let is_kept =
+            |id: &u32| self.of.iter().any(|(_, state)| state.sent().is_some_and(|sent| sent.id == *id));
+        let others: Vec<u32> = session.subscriptions().into_iter().filter(|id| !is_kept(id)).collect();
+        if others.is_empty() {
+            return Ok(());
+        }
+        session.forgets(&others);
+        unsubscribe(link, session, others).await
+    }
+
+    /// What there is to say of a subscription, once.
+    pub(super) fn news(&mut self) -> Option<String> {
+        self.news.take()
+    }
+}
+
+impl State {
+    const fn sent(&self) -> Option<&Subscribed> {
+        match self {
+            State::Sent(subscribed) => Some(subscribed),
+            State::Refused => None,
+        }
+    }
+}

@@ -1,0 +1,480 @@
+//! What a server sends by itself of the nodes of a device, and how old that is.
+//!
+//! ```text
+//! a round's read ─► what has come since ─► one more Publish request ─► the values as they stand
+//! ```
+//!
+//! - A message answers a Publish request of ours, so what it says held after that had left: age counts from there. A value
+//!   that a message does not name has not changed until then, where the server has nothing more to send.
+//! - Where the stamps say when a value was measured, the server sends it for its stamp alone. Else it says that nothing has
+//!   changed, which may be as old as its sampling.
+//! - A message that is missing, or a subscription that the server has ended, leaves nothing that could be believed: the
+//!   nodes are read, and subscribed to anew.
+
+use std::time::Duration;
+
+use ::opcua::client::UARequest;
+use ::opcua::client::services::{CreateSubscription, DeleteSubscriptions};
+use ::opcua::core::ResponseMessage;
+use ::opcua::types::{
+    CreateMonitoredItemsRequest, CreateSubscriptionResponse, DataChangeFilter, DataChangeNotification,
+    DataChangeTrigger, DataValue, DateTime, Error, ExtensionObject, MonitoredItemCreateRequest,
+    MonitoringMode, MonitoringParameters, PublishResponse, StatusChangeNotification, StatusCode,
+    TimestampsToReturn,
+};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::plan::Subscription;
+
+use super::channel::Link;
+use super::session::{Session, header, refused, value_of};
+use super::value::{node_id, reading, since};
+use crate::fieldbus::wire::{NodeReading, Stamped};
+
+/// So many nodes are subscribed to in one call at most: a request stays as small as any server takes it.
+const AT_ONCE: usize = 100;
+/// A server that hears nothing of us drops a subscription after so long.
+const LIFETIME: Duration = Duration::from_secs(60);
+/// It must not do so before this many periods.
+const LEAST: u32 = 30;
+/// What the server did not have, it may have after so long.
+const AGAIN: Duration = Duration::from_secs(60);
+
+/// A subscription that the server has taken.
+pub(super) struct Subscribed {
+    pub(super) id: u32,
+    /// Of each node what was sent last; of one that the server does not have, why.
+    values: Vec<Option<DataValue>>,
+    /// The number of the next message with values, once there was one.
+    next: Option<u32>,
+    /// The last message after which there was nothing more to send.
+    confirmed: Option<Confirmed>,
+    /// When something came last, and when it was made.
+    heard: Moment,
+    made: Moment,
+    /// The server does not have all of its nodes.
+    pub(super) lacks: bool,
+    /// A server that sends nothing for longer breaks its word.
+    pub(super) patience: Duration,
+    /// How old a value may be that it says has not changed.
+    sampling: Duration,
+    /// Messages that came and have not been acknowledged.
+    received: Vec<u32>,
+}
+
+/// A message that says how everything stands.
+#[derive(Clone, Copy)]
+struct Confirmed {
+    /// When that left which it answers.
+    asked: Moment,
+    /// When it was sent, by the server's clock, and how long before that it was made.
+    sent: DateTime,
+    lay: Duration,
+}
+
+/// What has become of a subscription by a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Heard {
+    /// Everything is known as of then.
+    All,
+    /// There is more to be asked for.
+    More,
+    /// Something was lost, or the server has ended it with this status.
+    Lost(Option<StatusCode>),
+}
+
+/// What a server makes of the periods that it was asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Revised {
+    /// How often it sends.
+    interval: Duration,
+    /// How long after that, at most, it says that there is nothing to send.
+    pub(super) alive: Duration,
+    /// The longest period in which a node is looked at.
+    sampling: Duration,
+}
+
+impl Revised {
+    fn of(answer: &CreateSubscriptionResponse) -> Revised {
+        let interval = milliseconds(answer.revised_publishing_interval);
+        let alive = interval.saturating_mul(answer.revised_max_keep_alive_count.max(1));
+        Revised { interval, alive, sampling: Duration::ZERO }
+    }
+
+    /// What is to be said of it: `None` where it is as it was asked for.
+    pub(super) fn news(&self, asked: &Subscription) -> Option<String> {
+        let is_slower = |span: Duration| span > asked.every + asked.every / 10;
+        if is_slower(self.interval) {
+            return Some(format!("the server sends every {:?}, not every {:?}", self.interval, asked.every));
+        }
+        is_slower(self.sampling).then(|| {
+            format!("the server looks at its nodes every {:?}, not every {:?}", self.sampling, asked.every)
+        })
+    }
+
+    /// How old a value may be that is as fresh as it can be: sampled, sent, asked for by the round before, and taken by the next.
+    pub(super) fn oldest(&self, asked: &Subscription) -> Duration {
+        let sent = if asked.by_stamp { self.interval } else { self.alive };
+        self.sampling + sent + asked.every * 2
+    }
+}
+
+fn milliseconds(span: f64) -> Duration {
+    Duration::try_from_secs_f64(span / 1000.0).unwrap_or(Duration::ZERO)
+}
+
+/// Subscribes to these nodes.
+///
+/// # Errors
+/// The server does not answer, or refuses it.
+pub(super) async fn subscribe(
+    link: &mut Link,
+    session: &Session,
+    asked: &Subscription,
+    (most, now): (usize, Moment),
+) -> Result<(Subscribed, Revised), Error> {
+    let channel = link.channel.clone();
+    let lifetime = LIFETIME.as_millis() / asked.every.as_millis().max(1);
+    let lifetime = u32::try_from(lifetime).unwrap_or(u32::MAX).max(LEAST);
+    let create =
+        CreateSubscription::new_manual(0, session.patience(), session.token(), channel.request_handle())
+            .publishing_interval(asked.every)
+            .max_keep_alive_count(1)
+            .max_lifetime_count(lifetime)
+            .publishing_enabled(true);
+    let made = link.ask(create.send(&channel)).await?;
+    session.subscribes(made.subscription_id);
+    let mut revised = Revised::of(&made);
+    let mut values = Vec::with_capacity(asked.nodes.len());
+    for some in asked.nodes.chunks(most.clamp(1, AT_ONCE)) {
+        let first = values.len();
+        let items = some.iter().zip(first..).map(|(node, place)| item(node, place, asked));
+        let items: Option<Vec<_>> = items.collect();
+        let request = CreateMonitoredItemsRequest {
+            request_header: header(&session.token(), channel.request_handle(), session.patience()),
+            subscription_id: made.subscription_id,
+            timestamps_to_return: TimestampsToReturn::Source,
+            items_to_create: items,
+        };
+        let results = match link.ask(channel.send(request, session.patience())).await? {
+            ResponseMessage::CreateMonitoredItems(made) if made.response_header.service_result.is_good() => {
+                made.results.unwrap_or_default()
+            }
+            ResponseMessage::CreateMonitoredItems(made) => {
+                return Err(Error::new(made.response_header.service_result, "refused"));
+            }
+            other => return Err(refused(&other)),
+        };
+        if results.len() != some.len() {
+            return Err(Error::new(StatusCode::BadUnknownResponse, "another number of nodes"));
+        }
+        for made in results {
+            if is_of_the_subscription(made.status_code) {
+                return Err(Error::new(made.status_code, "refused"));
+            }
+            let is_taken = made.status_code.is_good();
+            if is_taken {
+                revised.sampling = revised.sampling.max(milliseconds(made.revised_sampling_interval));
+            }
+            values
+                .push((!is_taken).then(|| DataValue { status: Some(made.status_code), ..DataValue::null() }));
+        }
+    }
+    let subscribed = Subscribed {
+        id: made.subscription_id,
+        lacks: values.iter().any(Option::is_some),
+        values,
+        next: None,
+        confirmed: None,
+        heard: now,
+        made: now,
+        patience: revised.alive + asked.every + session.patience(),
+        sampling: revised.sampling,
+        received: Vec::new(),
+    };
+    Ok((subscribed, revised))
+}
+
+/// Nothing is wrong with the node: the server does not send it.
+fn is_of_the_subscription(status: StatusCode) -> bool {
+    matches!(
+        status,
+        StatusCode::BadTooManyMonitoredItems
+            | StatusCode::BadMonitoredItemFilterInvalid
+            | StatusCode::BadMonitoredItemFilterUnsupported
+            | StatusCode::BadFilterNotAllowed
+            | StatusCode::BadSubscriptionIdInvalid
+    )
+}
+
+/// The newest value of a node, by its place.
+fn item(
+    node: &isotherm_core::codec::Node,
+    place: usize,
+    asked: &Subscription,
+) -> Option<MonitoredItemCreateRequest> {
+    let trigger =
+        if asked.by_stamp { DataChangeTrigger::StatusValueTimestamp } else { DataChangeTrigger::StatusValue };
+    let filter = DataChangeFilter { trigger, deadband_type: 0, deadband_value: 0.0 };
+    Some(MonitoredItemCreateRequest {
+        item_to_monitor: value_of(node_id(&node.id)?),
+        monitoring_mode: MonitoringMode::Reporting,
+        requested_parameters: MonitoringParameters {
+            client_handle: u32::try_from(place).ok()?,
+            sampling_interval: asked.every.as_secs_f64() * 1000.0,
+            filter: ExtensionObject::from_message(filter),
+            queue_size: 1,
+            discard_oldest: true,
+        },
+    })
+}
+
+/// Those that an earlier connection has left in the session are ended: nobody takes what they send.
+///
+/// # Errors
+/// The server does not answer.
+pub(super) async fn unsubscribe(link: &mut Link, session: &Session, ids: Vec<u32>) -> Result<(), Error> {
+    let channel = link.channel.clone();
+    let delete =
+        DeleteSubscriptions::new_manual(0, session.patience(), session.token(), channel.request_handle())
+            .subscription_ids(ids);
+    link.ask(delete.send(&channel)).await.map(|_| ())
+}
+
+impl Subscribed {
+    /// Takes in a message, which answers what left at `asked`.
+    pub(super) fn hear(&mut self, answer: PublishResponse, asked: Moment, now: Moment) -> Heard {
+        let message = answer.notification_message;
+        let parts = message.notification_data.unwrap_or_default();
+        if self.next.is_some_and(|next| next != message.sequence_number) {
+            return Heard::Lost(None);
+        }
+        self.heard = now;
+        self.next = Some(message.sequence_number);
+        if !parts.is_empty() {
+            self.received.push(message.sequence_number);
+            // Their numbers begin anew at one.
+            self.next = Some(message.sequence_number.checked_add(1).unwrap_or(1));
+        }
+        for part in parts {
+            if let Some(ended) = part.inner_as::<StatusChangeNotification>() {
+                return Heard::Lost(Some(ended.status));
+            }
+            let Some(changed) = part.into_inner_as::<DataChangeNotification>() else { continue };
+            for item in changed.monitored_items.unwrap_or_default() {
+                let place = usize::try_from(item.client_handle).ok();
+                if let Some(value) = place.and_then(|place| self.values.get_mut(place)) {
+                    *value = Some(item.value);
+                }
+            }
+        }
+        if answer.more_notifications {
+            return Heard::More;
+        }
+        let (sent, made) = (answer.response_header.timestamp, message.publish_time);
+        let sent = if sent.is_null() { made } else { sent };
+        let lay = match since(made.ticks(), sent.ticks()) {
+            Stamped::Ago(lay) if !made.is_null() => lay,
+            _ => Duration::ZERO,
+        };
+        self.confirmed = Some(Confirmed { asked, sent, lay });
+        Heard::All
+    }
+
+    /// The numbers of the messages that came since this was last asked.
+    pub(super) fn received(&mut self) -> Vec<u32> {
+        std::mem::take(&mut self.received)
+    }
+
+    /// The server has sent nothing for longer than it promised.
+    pub(super) fn is_silent(&self, now: Moment) -> bool {
+        now.since(self.heard) > self.patience
+    }
+
+    /// The server did not have a node a while ago, and may have it by now.
+    pub(super) fn is_to_be_made_anew(&self, now: Moment) -> bool {
+        self.lacks && now.since(self.made) >= AGAIN
+    }
+
+    /// How everything stands; `None` until that is known of each node.
+    pub(super) fn readings(&self, asked: &Subscription) -> Option<Vec<NodeReading>> {
+        let Confirmed { asked: left, sent, lay } = self.confirmed?;
+        let of_a_node = |(node, value): (&_, &Option<DataValue>)| {
+            let found = reading(node, value.as_ref()?, sent);
+            // What no stamp says may be as old as the last look at the node.
+            let is_stamped = asked.by_stamp && found.stamped != Stamped::Unknown;
+            let left = if is_stamped { left } else { left.before(lay + self.sampling) };
+            Some(NodeReading { asked: Some(left), ..found })
+        };
+        asked.nodes.iter().zip(&self.values).map(of_a_node).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ::opcua::types::{MonitoredItemNotification, NotificationMessage, Variant};
+    use isotherm_core::codec::Node;
+    use isotherm_core::reading::Reason;
+
+    const SECOND: Duration = Duration::from_secs(1);
+
+    fn asked(by_stamp: bool) -> Subscription {
+        let node = |name: &str| Node { id: format!("ns=2;s={name}").parse().unwrap(), data_type: None };
+        Subscription {
+            nodes: vec![node("bed"), node("scale")],
+            every: SECOND,
+            max_age: SECOND * 10,
+            by_stamp,
+        }
+    }
+
+    fn at(seconds: u64) -> Moment {
+        Moment::default().after(SECOND * u32::try_from(seconds).unwrap())
+    }
+
+    /// The server's clock is a year from ours.
+    fn by_server(seconds: u64) -> DateTime {
+        DateTime::from(ticks(seconds))
+    }
+
+    fn ticks(seconds: u64) -> i64 {
+        i64::try_from(365 * 86_400 + seconds).unwrap() * 10_000_000
+    }
+
+    fn subscribed() -> Subscribed {
+        Subscribed {
+            id: 1,
+            values: vec![None, None],
+            next: None,
+            confirmed: None,
+            heard: at(0),
+            made: at(0),
+            lacks: false,
+            patience: SECOND * 3,
+            sampling: SECOND,
+            received: Vec::new(),
+        }
+    }
+
+    /// A message of the server, sent at this second of its clock.
+    fn message(number: u32, seconds: u64, values: &[(u32, f64)]) -> PublishResponse {
+        let items = values.iter().map(|(client_handle, value)| MonitoredItemNotification {
+            client_handle: *client_handle,
+            value: DataValue {
+                value: Some(Variant::Double(*value)),
+                source_timestamp: Some(by_server(seconds)),
+                ..DataValue::null()
+            },
+        });
+        let items: Vec<_> = items.collect();
+        let time = by_server(seconds);
+        let mut answer = PublishResponse {
+            notification_message: if items.is_empty() {
+                NotificationMessage::keep_alive(number, time)
+            } else {
+                NotificationMessage::data_change(number, time, items, Vec::new())
+            },
+            ..PublishResponse::default()
+        };
+        answer.response_header.timestamp = time;
+        answer
+    }
+
+    #[test]
+    fn a_value_is_as_old_as_the_request_that_brought_it_and_a_sign_of_life_makes_it_younger() {
+        let (mut subscribed, asked) = (subscribed(), asked(false));
+        assert_eq!(subscribed.hear(message(1, 10, &[(0, 21.5)]), at(9), at(11)), Heard::All);
+        assert_eq!(subscribed.readings(&asked), None, "one node has not been heard of");
+        assert_eq!(subscribed.hear(message(2, 11, &[(1, 3.0)]), at(10), at(12)), Heard::All);
+        let taken = |subscribed: &Subscribed| subscribed.readings(&asked).unwrap()[0].asked;
+        assert_eq!(taken(&subscribed), Some(at(9)), "a sampling older than the request at 10 s");
+        assert_eq!(subscribed.hear(message(3, 14, &[]), at(13), at(15)), Heard::All);
+        assert_eq!(taken(&subscribed), Some(at(12)));
+        assert_eq!(subscribed.received(), [1, 2], "a sign of life is not acknowledged");
+    }
+
+    #[test]
+    fn a_stamp_that_stands_still_makes_a_value_older_whatever_the_server_says_beside_it() {
+        let (mut subscribed, asked) = (subscribed(), asked(true));
+        subscribed.hear(message(1, 10, &[(0, 21.5), (1, 3.0)]), at(9), at(11));
+        subscribed.hear(message(2, 40, &[]), at(39), at(41));
+        let bed = subscribed.readings(&asked).unwrap()[0];
+        assert_eq!((bed.asked, bed.stamped), (Some(at(39)), Stamped::Ago(SECOND * 30)));
+    }
+
+    #[test]
+    fn a_message_that_lay_at_the_server_before_it_was_sent_is_as_old_as_that() {
+        let (mut subscribed, asked) = (subscribed(), asked(false));
+        let mut late = message(1, 10, &[(0, 21.5), (1, 3.0)]);
+        late.response_header.timestamp = by_server(15);
+        subscribed.hear(late, at(20), at(21));
+        assert_eq!(subscribed.readings(&asked).unwrap()[0].asked, Some(at(14)));
+    }
+
+    #[test]
+    fn what_is_still_to_come_is_asked_for_before_anything_is_believed() {
+        let (mut subscribed, asked) = (subscribed(), asked(false));
+        let first = PublishResponse { more_notifications: true, ..message(1, 10, &[(0, 21.5)]) };
+        assert_eq!(subscribed.hear(first, at(9), at(11)), Heard::More);
+        assert_eq!(subscribed.readings(&asked), None);
+        assert_eq!(subscribed.hear(message(2, 10, &[(1, 3.0)]), at(11), at(11)), Heard::All);
+        assert!(subscribed.readings(&asked).is_some());
+    }
+
+    #[test]
+    fn a_message_that_is_missing_and_an_end_are_noticed() {
+        let mut some = subscribed();
+        some.hear(message(1, 10, &[(0, 21.5)]), at(9), at(11));
+        assert_eq!(some.hear(message(3, 12, &[(0, 22.5)]), at(11), at(13)), Heard::Lost(None));
+        let mut some = subscribed();
+        some.hear(message(1, 10, &[(0, 21.5)]), at(9), at(11));
+        assert_eq!(
+            some.hear(message(3, 12, &[]), at(11), at(13)),
+            Heard::Lost(None),
+            "a sign of life names the next"
+        );
+        let ended = PublishResponse {
+            notification_message: NotificationMessage::status_change(
+                1,
+                by_server(10),
+                StatusCode::BadTimeout,
+            ),
+            ..PublishResponse::default()
+        };
+        assert_eq!(subscribed().hear(ended, at(9), at(11)), Heard::Lost(Some(StatusCode::BadTimeout)));
+    }
+
+    #[test]
+    fn a_node_that_the_server_does_not_have_is_bad_and_the_others_are_not() {
+        let (mut subscribed, asked) = (Subscribed { lacks: true, ..subscribed() }, asked(false));
+        subscribed.values[1] =
+            Some(DataValue { status: Some(StatusCode::BadNodeIdUnknown), ..DataValue::null() });
+        assert!(!subscribed.is_to_be_made_anew(at(59)) && subscribed.is_to_be_made_anew(at(60)));
+        subscribed.hear(message(1, 10, &[(0, 21.5)]), at(9), at(11));
+        let [bed, scale] = subscribed.readings(&asked).unwrap().try_into().unwrap();
+        assert!(bed.value.is_ok());
+        assert_eq!(scale.value, Err(Reason::Status(StatusCode::BadNodeIdUnknown.bits())));
+    }
+
+    #[test]
+    fn a_server_that_sends_less_often_than_it_was_asked_for_is_told_and_may_be_too_slow() {
+        let answer = |interval: f64, alive: u32| CreateSubscriptionResponse {
+            revised_publishing_interval: interval,
+            revised_max_keep_alive_count: alive,
+            ..CreateSubscriptionResponse::default()
+        };
+        let asked = asked(false);
+        assert_eq!(Revised::of(&answer(1000.0, 1)).news(&asked), None);
+        let slow = Revised::of(&answer(5000.0, 2));
+        assert_eq!(slow.news(&asked).as_deref(), Some("the server sends every 5s, not every 1s"));
+        assert_eq!(slow.oldest(&asked), SECOND * 12);
+    }
+
+    #[test]
+    fn nothing_for_longer_than_was_promised_is_silence() {
+        let mut subscribed = subscribed();
+        subscribed.hear(message(1, 10, &[]), at(9), at(10));
+        assert!(!subscribed.is_silent(at(13)));
+        assert!(subscribed.is_silent(at(14)));
+    }
+}
