@@ -221,7 +221,8 @@ mod tests {
         {
             assert_eq!(read.has_thumbprint(&written), Ok(true), "{written}");
         }
-        assert_eq!(read.has_thumbprint(&plain.replace(['1', '2', '3'], "4")), Ok(false));
+        let digit = if plain.starts_with('0') { '1' } else { '0' };
+        assert_eq!(read.has_thumbprint(&format!("{digit}{}", &plain[1..])), Ok(false));
         assert!(read.has_thumbprint("5F3A").unwrap_err().contains("40 hexadecimal digits"));
     }
 }
