@@ -3,7 +3,7 @@ use super::support::start_with;
 use super::*;
 use isotherm_core::codec::{Address, DataType, Encoding, Scale};
 use isotherm_core::reading::SignalId;
-use isotherm_profile::{Handshake, OutputId, OutputSet, SetId, Signal};
+use isotherm_profile::{Bit, Handshake, OutputId, OutputSet, SetId, Signal};
 
 fn joined(words: &[u16]) -> i32 {
     i32::from_be_bytes([words[0].to_be_bytes(), words[1].to_be_bytes()].concat().try_into().unwrap())
@@ -180,7 +180,7 @@ async fn it_also_runs_by_the_wall() {
 /// The small machine, whose CNC takes its offset by a handshake and counts its boots.
 fn shaken() -> isotherm_profile::Profile {
     let mut profile = profile();
-    let flag = |text: &str| text.parse().unwrap();
+    let flag = |text: &str| Bit::Flag(text.parse().unwrap());
     let timeout = Duration::from_millis(500);
     let handshake = Handshake { strobe: flag("coil:20"), acknowledge: flag("input:16.2"), timeout };
     profile.sets.push(OutputSet {

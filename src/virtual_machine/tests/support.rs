@@ -107,7 +107,7 @@ pub(crate) fn profile() -> Profile {
         sets: Vec::new(),
         heartbeat: Some(Heartbeat {
             device: DeviceId(3),
-            address: "holding:100".parse().unwrap(),
+            address: Address::Modbus("holding:100".parse().unwrap()),
             every: Duration::from_secs(1),
         }),
         web: None,
