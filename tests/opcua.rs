@@ -6,6 +6,8 @@
 
 #[path = "device/gateway.rs"]
 mod gateway;
+#[path = "opcua/grinder.rs"]
+mod grinder;
 #[path = "opcua/held.rs"]
 mod held;
 #[path = "opcua/nodes.rs"]
