@@ -23,6 +23,8 @@ mod sessions;
 mod sets;
 #[path = "opcua/shared.rs"]
 mod shared;
+#[path = "opcua/storm.rs"]
+mod storm;
 #[path = "opcua/subscribed.rs"]
 mod subscribed;
 #[path = "opcua/values.rs"]

@@ -159,7 +159,7 @@ fn the_grinder_is_corrected_over_opc_ua_as_over_modbus_within_a_tenth_of_a_micro
         .collect();
     let most = both.iter().copied().max().unwrap_or(i64::MAX);
     println!(
-        "corrected by up to {moved:.1} µm; apart by {worst:.3} µm at most, registers by {most} counts in {} of {} writes at the same moment",
+        "corrected by up to {moved:.1} µm; apart by {worst:.3} µm at most, registers by {most} counts in {} of {} writes",
         both.len(),
         modbus.written.len()
     );

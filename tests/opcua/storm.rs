@@ -1,0 +1,197 @@
+//! A gateway beside a server that is killed, forgets, falls silent and lies about the time, for as long as `TEST_OPCUA_SECONDS` says: a
+//! judge that knows only what the server held, and when, holds every write to the rules of an output.
+
+use std::path::Path;
+use std::time::Duration;
+
+use super::gateway::{beside, events};
+use super::held::wait;
+use super::rig::{Server, subscribing};
+use isotherm::clock::Clock;
+use isotherm::gateway::Options;
+
+/// Of `tests/run`; an hour in `tests/run long`.
+const SECONDS: u64 = 40;
+/// Counts of the output: its limit, and its step.
+const LIMIT: f64 = 400.0;
+const STEP: f64 = 10.0;
+/// A change may rest on what the server held so long ago: `max_age`, and what a reading, a decision and a write take.
+const WINDOW: f64 = 2.0 + 1.5;
+
+fn seconds() -> u64 {
+    let Ok(text) = std::env::var("TEST_OPCUA_SECONDS") else { return SECONDS };
+    text.parse().unwrap_or_else(|_| panic!("TEST_OPCUA_SECONDS={text}: say 3600"))
+}
+
+/// What goes wrong.
+#[derive(Clone, Copy, Debug)]
+enum Trouble {
+    Killed,
+    Gone,
+    SessionLost,
+    SubscriptionLost,
+    Silent,
+    Bad,
+    Behind,
+    Ahead,
+    AnswersLate,
+}
+
+const TROUBLES: [Trouble; 9] = [
+    Trouble::SubscriptionLost,
+    Trouble::Killed,
+    Trouble::Behind,
+    Trouble::SessionLost,
+    Trouble::Bad,
+    Trouble::AnswersLate,
+    Trouble::Silent,
+    Trouble::Ahead,
+    Trouble::Gone,
+];
+
+/// Numbers by chance, the same again from the same seed.
+struct Chance(u64);
+
+impl Chance {
+    /// Below this.
+    fn below(&mut self, most: u64) -> u64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) % most
+    }
+}
+
+fn pause(seconds: u64) {
+    std::thread::sleep(Duration::from_secs(seconds));
+}
+
+fn befalls(trouble: Trouble, mut server: Server, arguments: &[&str]) -> Server {
+    let for_a_while = |server: &mut Server, begins: &str, ends: &str| {
+        server.does(begins);
+        pause(4);
+        server.does(ends);
+    };
+    match trouble {
+        Trouble::Killed => return server.dies(arguments),
+        Trouble::Gone => return server.dies_for(Duration::from_secs(4), arguments),
+        Trouble::SessionLost => drop(server.does("drop")),
+        Trouble::SubscriptionLost => drop(server.does("forget")),
+        Trouble::Silent => for_a_while(&mut server, "silent on", "silent off"),
+        Trouble::Bad => for_a_while(&mut server, "status bed BadSensorFailure", "status bed Good"),
+        Trouble::Behind => for_a_while(&mut server, "stamp bed -3600", "stamp bed 0"),
+        Trouble::Ahead => for_a_while(&mut server, "stamp bed 3600", "stamp bed 0"),
+        Trouble::AnswersLate => drop(server.does("hold offset 1.3")),
+    }
+    server
+}
+
+/// What the server held, by its journal.
+#[derive(Default)]
+struct Judge {
+    /// What the offset should have been, in counts, since when; `None` where nothing could be believed.
+    wanted: Vec<(f64, Option<f64>)>,
+    bed: f64,
+    is_good: bool,
+    is_on_time: bool,
+    writes: usize,
+    wrong: Vec<String>,
+}
+
+impl Judge {
+    fn hears(&mut self, line: &str) {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let number = |place: usize| words[place].parse::<f64>().unwrap();
+        match words[1..] {
+            ["start"] => (self.bed, self.is_good, self.is_on_time) = (20.0, true, true),
+            ["value", "bed", _] => self.bed = number(3),
+            ["status", "bed", status] => self.is_good = status == "Good",
+            ["stamp", "bed", _] => self.is_on_time = number(3).abs() < 1.0,
+            ["write", "offset", ..] => return self.judges(line, number(0), number(3), number(4)),
+            _ => return,
+        }
+        let wanted = (self.is_good && self.is_on_time).then_some((self.bed - 20.0) * 10.0);
+        self.wanted.push((number(0), wanted));
+    }
+
+    /// A write of this value over that one, at this moment.
+    fn judges(&mut self, line: &str, at: f64, before: f64, after: f64) {
+        self.writes += 1;
+        let mut say = |what: &str| self.wrong.push(format!("{what}: {line}"));
+        if after.abs() > LIMIT {
+            say("beyond the limit");
+        }
+        if (after - before).abs() > STEP {
+            say("more than a step");
+        }
+        if after.to_bits() == before.to_bits() {
+            return;
+        }
+        // What held at the beginning of the window counts as well.
+        let first = self.wanted.iter().rposition(|(since, _)| *since <= at - WINDOW).unwrap_or(0);
+        let wanted = self.wanted[first..].iter().filter_map(|(_, wanted)| *wanted);
+        let (low, high) = wanted.fold((before, before), |(low, high), one| (low.min(one), high.max(one)));
+        if !(low - 1.0..=high + 1.0).contains(&after) {
+            say("away from everything that the server has held lately");
+        }
+    }
+}
+
+#[test]
+fn whatever_becomes_of_the_server_each_write_is_one_that_it_could_expect() {
+    let directory = tempfile::tempdir().unwrap();
+    let journal = directory.path().join("journal");
+    let arguments = vec!["--journal".to_owned(), journal.display().to_string()];
+    let text = std::thread::spawn(move || storm(&arguments)).join().unwrap();
+    let judge = judged(&journal);
+    println!("{text}; {} writes, {} against the rules", judge.writes, judge.wrong.len());
+    assert!(judge.writes >= 5, "nothing to judge: {}", judge.writes);
+    assert!(judge.wrong.is_empty(), "{:#?}", judge.wrong);
+}
+
+#[test]
+fn the_judge_notices_what_breaks_a_rule() {
+    let wrong = |lines: &[&str]| {
+        let mut judge = Judge::default();
+        lines.iter().for_each(|line| judge.hears(line));
+        judge.wrong.len()
+    };
+    let warm = |line: &str| wrong(&["0 start", "10 value bed 22", line]);
+    assert_eq!(warm("11 write offset 0 10"), 0);
+    assert_eq!(warm("11 write offset 0 11"), 1, "more than a step");
+    assert_eq!(warm("11 write offset 400 405"), 2, "beyond the limit, and away from everything");
+    assert_eq!(warm("20 write offset 20 10"), 1, "what it held ten seconds ago");
+    let bad = ["0 start", "10 value bed 22", "11 status bed BadSensorFailure", "20 write offset 0 10"];
+    assert_eq!(wrong(&bad), 1, "nothing could be believed");
+}
+
+fn judged(journal: &Path) -> Judge {
+    let mut judge = Judge::default();
+    std::fs::read_to_string(journal).unwrap().lines().for_each(|line| judge.hears(line));
+    judge
+}
+
+/// One trouble after another; after each everything must come right. What happened.
+fn storm(arguments: &[String]) -> String {
+    let arguments: Vec<String> = arguments.to_vec();
+    let server = Server::start(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    let text = subscribing(server.port);
+    let clock = Clock::wall();
+    let (tell, told) = std::sync::mpsc::channel();
+    let status = beside(&text, Options::default(), move |_| {
+        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+        let (mut server, mut chance) = (server, Chance(7));
+        let (begun, mut troubles) = (clock.now(), 0);
+        while clock.now().since(begun).as_secs() < seconds() {
+            let trouble = TROUBLES[troubles % TROUBLES.len()];
+            server = befalls(trouble, server, &arguments);
+            troubles += 1;
+            // A degree is a micrometre, which is ten counts.
+            let tenths = chance.below(40);
+            server.does(&format!("value bed {}", 20.0 + f64::from(u32::try_from(tenths).unwrap()) / 10.0));
+            let wanted = tenths.to_string();
+            wait(&mut server, |server| server.does("read offset") == wanted);
+        }
+        let _ = tell.send((troubles, clock.now().since(begun)));
+    });
+    let (troubles, span) = told.recv().unwrap();
+    format!("{troubles} troubles in {:.0} s, {} events", span.as_secs_f64(), events(&status).len())
+}
