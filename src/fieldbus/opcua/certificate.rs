@@ -14,7 +14,7 @@ use rsa::{RsaPrivateKey, RsaPublicKey};
 use serde::Serialize;
 use x509_cert::Certificate as Parsed;
 use x509_cert::builder::{Builder, CertificateBuilder, Error, Profile};
-use x509_cert::der::asn1::{GeneralizedTime, Ia5String, ObjectIdentifier};
+use x509_cert::der::asn1::{GeneralizedTime, Ia5String, ObjectIdentifier, UtcTime};
 use x509_cert::der::referenced::OwnedToRef;
 use x509_cert::der::{Decode, Encode, Reader, SliceReader};
 use x509_cert::ext::pkix::name::GeneralName;
@@ -190,9 +190,13 @@ fn signed(
     Ok(builder.build()?.to_der()?)
 }
 
+/// Until 2049 in the short form, as RFC 5280 has it, and behind that in the long one.
 fn time(at: Moment) -> Result<Time, x509_cert::der::Error> {
     let seconds = Duration::from_secs(at.as_nanos() / 1_000_000_000);
-    GeneralizedTime::from_unix_duration(seconds).map(Time::GeneralTime)
+    match UtcTime::from_unix_duration(seconds) {
+        Ok(short) => Ok(Time::UtcTime(short)),
+        Err(_) => GeneralizedTime::from_unix_duration(seconds).map(Time::GeneralTime),
+    }
 }
 
 #[cfg(test)]
