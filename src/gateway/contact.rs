@@ -156,7 +156,11 @@ impl Contact {
         if fault.is_of_the_line() && attempts > 0 {
             let refusal = self.explained(id, refused);
             self.devices[id.0].misses(refusal);
-            self.link_is_down(self.profile.device(id).bus, attempts.into(), refused, events);
+            let bus = self.profile.device(id).bus;
+            // Whether an interface is up its listener says; what a request met before that is no news.
+            if !(self.profile.bus(bus).transport.is_can() && self.buses[bus.0].connected) {
+                self.link_is_down(bus, attempts.into(), refused, events);
+            }
             return false;
         }
         let explained = self.explained(id, fault);
@@ -229,6 +233,35 @@ impl Lost {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fieldbus::error::{CanFault, LinkFault};
+    use std::path::Path;
+
+    #[test]
+    fn a_request_that_met_an_interface_while_it_was_down_says_so_no_more_when_it_is_up_again() {
+        const PROFILE: &str = r#"
+            [machine]
+            name = "can"
+            [bus.can]
+            type = "can"
+            interface = "can0"
+            [device.cnc]
+            bus = "can"
+            node = 9
+        "#;
+        let profile = isotherm_profile::parse(Path::new("can.toml"), PROFILE, &[], &[]).unwrap().profile;
+        let (mut contact, mut events) = (Contact::new(&Arc::new(profile)), Vec::new());
+        let down = Fault::Link(LinkFault::Can(CanFault::Down));
+        let (bus, cnc) = (BusId(0), DeviceId(0));
+        contact.link_is_down(bus, 1, down, &mut events);
+        contact.fails(cnc, down, (3, down), &mut events);
+        contact.buses[0].connected = true;
+        contact.link_is_up(bus, &mut events);
+        contact.fails(cnc, down, (3, down), &mut events);
+        assert!(matches!(events[..], [Event::LinkDown { .. }, Event::LinkUp { .. }]), "{events:?}");
+        contact.buses[0].connected = false;
+        contact.fails(cnc, down, (4, down), &mut events);
+        assert!(matches!(events[2..], [Event::LinkDown { .. }]), "{events:?}");
+    }
 
     #[test]
     fn what_is_late_by_less_than_anybody_can_mend_is_counted_and_not_reported() {

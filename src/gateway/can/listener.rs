@@ -129,6 +129,10 @@ impl CanListener {
 
     /// Takes all there is and does all that is due; when there is something to do again.
     fn look(&mut self) -> Moment {
+        // A frame that was to be sent may be the first to meet an interface that went down, and nothing is to be heard of it then.
+        if let Some(fault) = self.can.link.fault().filter(|_| self.is_up) {
+            self.lose_interface(fault);
+        }
         if !self.is_up {
             self.try_interface();
         }
