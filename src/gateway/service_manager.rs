@@ -2,6 +2,11 @@
 //! Where none has started it, nobody hears it.
 
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::io;
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::Duration;
 
 use sd_notify::NotifyState;
@@ -44,8 +49,8 @@ impl Report {
         let is_new = status.as_ref().is_some_and(|status| *status != self.status);
         self.status = status.unwrap_or_default();
         if !self.is_ready && (self.waited >= OPENING || are_tried(shared)) {
-            self.is_ready = true;
-            tell(&[NotifyState::Ready, NotifyState::Status(&self.status)]);
+            // It waits for this: what was not heard is said again.
+            self.is_ready = tell(&[NotifyState::Ready, NotifyState::Status(&self.status)]);
         } else if is_new {
             tell(&[NotifyState::Status(&self.status)]);
         }
@@ -71,9 +76,20 @@ pub(super) fn reloading(does: &str) {
     tell(&states);
 }
 
-fn tell(states: &[NotifyState<'_>]) {
-    // One who does not listen misses it.
-    let _ = sd_notify::notify(states);
+/// Whether it was heard. (`sd_notify::notify` waits for a manager that does not listen just now; a gateway waits for nobody.)
+fn tell(states: &[NotifyState<'_>]) -> bool {
+    let said: String = states.iter().map(|state| format!("{state}\n")).collect();
+    std::env::var_os("NOTIFY_SOCKET").is_some_and(|to| send(&to, &said).is_ok())
+}
+
+fn send(to: &OsStr, said: &str) -> io::Result<()> {
+    let address = match to.as_bytes() {
+        [b'@', name @ ..] => SocketAddr::from_abstract_name(name)?,
+        _ => SocketAddr::from_pathname(to)?,
+    };
+    let socket = UnixDatagram::unbound()?;
+    socket.set_nonblocking(true)?;
+    socket.send_to_addr(said.as_bytes(), &address).map(|_| ())
 }
 
 /// Each line was opened, or an attempt was made. A device that is absent keeps no gateway from being started.
@@ -122,5 +138,25 @@ fn listed(names: &[&str]) -> String {
     match names.len().saturating_sub(NAMED) {
         0 => named,
         more => format!("{named} and {more} more"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_manager_that_does_not_listen_is_waited_for_by_nobody() {
+        let directory = tempfile::tempdir().unwrap();
+        let at = directory.path().join("notify");
+        let manager = UnixDatagram::bind(&at).unwrap();
+        let refused = (0..1000).map(|_| send(at.as_os_str(), "WATCHDOG=1\n")).find_map(Result::err);
+        assert_eq!(refused.map(|why| why.kind()), Some(io::ErrorKind::WouldBlock));
+        let mut heard = [0; 32];
+        let long = manager.recv(&mut heard).unwrap();
+        assert_eq!(&heard[..long], b"WATCHDOG=1\n");
+        send(at.as_os_str(), "READY=1\n").unwrap();
+        drop(manager);
+        assert!(send(at.as_os_str(), "READY=1\n").is_err());
     }
 }

@@ -295,7 +295,7 @@ fn linuxcnc_is_given_words_around_32768_that_never_wrap() {
     assert!(z.iter().all(|word| (32768..=32768 + 400).contains(word)), "Z goes above: {z:?}");
     assert!(z.iter().any(|word| *word > 32768 + 50) && x.iter().any(|word| *word < 32768 - 50));
     assert!(trace.beats().len() > 200, "%W4 counts");
-    assert_eq!(trace.profile.heartbeat.as_ref().unwrap().address.to_string(), "holding:3");
+    assert_eq!(trace.profile.heartbeat.as_ref().unwrap().address.to_string(), "holding:3 (40004)");
 }
 
 /// A display of the corrected position.
