@@ -2,6 +2,7 @@
 
 use std::os::unix::net::UnixDatagram;
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
@@ -9,7 +10,7 @@ use isotherm::clock::Clock;
 use crate::process::PATIENCE;
 
 pub(crate) struct Manager {
-    socket: UnixDatagram,
+    said: Receiver<String>,
     pub(crate) path: PathBuf,
     /// Each datagram, in the order in which they came.
     pub(crate) heard: Vec<String>,
@@ -19,8 +20,15 @@ impl Manager {
     pub(crate) fn listen(home: &Path) -> Manager {
         let path = home.join("notify");
         let socket = UnixDatagram::bind(&path).unwrap();
-        socket.set_read_timeout(Some(Duration::from_millis(200))).unwrap();
-        Manager { socket, path, heard: Vec::new() }
+        let (says, said) = channel();
+        // At once, as systemd does: ten may wait, and what comes then is lost.
+        std::thread::spawn(move || {
+            let mut bytes = [0; 4096];
+            while let Ok(length) = socket.recv(&mut bytes)
+                && says.send(String::from_utf8_lossy(&bytes[..length]).into_owned()).is_ok()
+            {}
+        });
+        Manager { said, path, heard: Vec::new() }
     }
 
     /// Waits for a datagram with this in it.
@@ -42,9 +50,7 @@ impl Manager {
     }
 
     fn next(&mut self) -> Option<String> {
-        let mut bytes = [0; 4096];
-        let length = self.socket.recv(&mut bytes).ok()?;
-        let told = String::from_utf8_lossy(&bytes[..length]).into_owned();
+        let told = self.said.recv_timeout(Duration::from_millis(200)).ok()?;
         self.heard.push(told.clone());
         Some(told)
     }
