@@ -334,10 +334,10 @@ impl DeviceLine {
                 first_asked = owed.first_asked(request);
                 answer = match exchanged {
                     // One that was found after its time comes too late, also where nobody looked in between.
-                    Some(
-                        Ok(_)
-                        | Err(Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_) | Fault::Part { .. }),
-                    ) if took > span || (first_asked.is_some() && !owed.is_likely_after(took)) => {
+                    Some(answer)
+                        if answer.as_ref().err().is_none_or(|fault| fault.is_refusal())
+                            && (took > span || (first_asked.is_some() && !owed.is_likely_after(took))) =>
+                    {
                         Err(connection.wire().missed())
                     }
                     Some(answer) => answer,

@@ -43,9 +43,8 @@ impl Pipeline {
             // One that did not leave says nothing.
             Err(Fault::Caller(_)) => {}
             // The first one is answered by a device that loses the second, too.
-            Ok(_) | Err(Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_) | Fault::Part { .. }) => {
-                self.lost = if is_second { 0 } else { self.lost };
-            }
+            _ if is_second => self.lost = 0,
+            _ => {}
         }
         let is_over = self.is_on && self.lost >= IN_A_ROW;
         self.is_on &= !is_over;

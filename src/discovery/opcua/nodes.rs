@@ -3,10 +3,10 @@
 use serde::Serialize;
 
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::explain::explain;
+use crate::fieldbus::explain::explain_on;
 use crate::fieldbus::opcua::browse::{Browser, Described, Value};
 use isotherm_core::codec::{Address, DataType, Node};
-use isotherm_profile::{Bus, BusId, Profile};
+use isotherm_profile::{Bus, BusId, Profile, Transport};
 
 /// A node of the profile, as its server has it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -43,7 +43,12 @@ pub async fn inspect(profile: &Profile) -> Vec<Inspected> {
             })),
             Err(fault) => {
                 let (bus, of) = (bus.name.clone(), format!("bus {}", bus.name));
-                all.push(Inspected { bus, of, found: None, advice: vec![explain(fault)] });
+                all.push(Inspected {
+                    bus,
+                    of,
+                    found: None,
+                    advice: vec![explain_on(Transport::OpcUa, fault)],
+                });
             }
         }
     }
@@ -80,7 +85,7 @@ fn wanted<'p>(profile: &'p Profile, bus: BusId) -> Vec<Wanted<'p>> {
 }
 
 fn advice(wanted: &Wanted<'_>, found: &Described) -> Vec<String> {
-    let explained = |status| explain(Fault::Status(status));
+    let explained = |status| explain_on(Transport::OpcUa, Fault::Status(status));
     let Some(variable) = &found.variable else {
         return vec![match found.status.is_good() {
             true => "it is no variable: what holds the value hangs below it (`isotherm read PROFILE --browse NODE`)".to_owned(),

@@ -9,9 +9,8 @@ use std::time::Duration;
 use ::opcua::client::UARequest;
 use ::opcua::client::services::{Browse, BrowseNext, Read};
 use ::opcua::types::{
-    AttributeId, BrowseDescription, BrowseDirection, BrowseResult, ByteString, CloseSessionRequest,
-    DataValue, DateTime, Error, NodeId, ReadValueId, ReferenceDescription, ReferenceTypeId, RequestHeader,
-    TimestampsToReturn, Variant, VariantScalarTypeId,
+    AttributeId, BrowseDescription, BrowseDirection, BrowseResult, ByteString, DataValue, Error, NodeId,
+    ReadValueId, ReferenceDescription, ReferenceTypeId, TimestampsToReturn, Variant, VariantScalarTypeId,
 };
 use isotherm_core::codec::{self, DataType};
 use isotherm_core::reading::Status;
@@ -191,11 +190,7 @@ impl Browser {
 
     /// Gives its place at the server back.
     pub async fn close(mut self) {
-        let channel = self.link.channel.clone();
-        let request_header =
-            RequestHeader::new(&self.session.token(), &DateTime::now(), channel.request_handle());
-        let request = CloseSessionRequest { request_header, delete_subscriptions: true };
-        let _ = self.link.ask(channel.send(request, self.timeout)).await;
+        self.session.close(&mut self.link).await;
     }
 
     /// So many of the nodes that hang on this one, and whether there are more.
