@@ -1,6 +1,6 @@
 //! What belongs to one interface while the gateway lives: its socket, which may come and go, and what outlives that.
 //!
-//! One task hears ([`Link::socket`]) and hands the answers of SDO on ([`Link::answered`]); the line asks and writes
+//! One task hears ([`Link::socket`]) and hands the frames of SDO on ([`Link::passed`]); the line asks and writes
 //! through [`super::wire`].
 
 use std::collections::BTreeMap;
@@ -16,7 +16,7 @@ use crate::fieldbus::canopen::sdo::Client;
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
 use isotherm_core::codec::{CanMatch, Frame};
 
-/// Answers that wait; a node has one under way.
+/// Frames of SDO that wait; a node has one answer under way.
 const UNREAD: usize = 64;
 
 /// One interface.
@@ -32,7 +32,7 @@ struct Inner {
     socket: Option<Arc<Socket>>,
     /// Why nothing can be sent now.
     fault: Option<Fault>,
-    answers: Option<mpsc::Sender<Frame>>,
+    passing: Option<mpsc::Sender<Frame>>,
     clients: BTreeMap<NodeId, Client>,
     images: Images,
     /// Of sockets that are no more.
@@ -46,7 +46,7 @@ impl Link {
         let inner = Inner {
             socket: None,
             fault: Some(Fault::Link(LinkFault::Down)),
-            answers: None,
+            passing: None,
             clients: BTreeMap::new(),
             images,
             full: 0,
@@ -68,7 +68,7 @@ impl Link {
         let mut inner = self.inner();
         let opened = match &inner.socket {
             Some(socket) => Ok(socket.clone()),
-            None => Socket::open(&self.interface, &self.wanted).map(Arc::new),
+            None => Socket::open(&self.interface, &self.wanted).and_then(Socket::hears_itself).map(Arc::new),
         };
         let found = Interface::look(&self.interface).map_err(|fault| Fault::Link(LinkFault::Can(fault)));
         let (socket, fault) = match (opened, found) {
@@ -94,12 +94,6 @@ impl Link {
         self.inner().fault
     }
 
-    /// Whether what comes to this socket is listened to.
-    pub(super) fn hears(&self, socket: &Arc<Socket>) -> bool {
-        let inner = self.inner();
-        inner.fault.is_none() && inner.socket.as_ref().is_some_and(|heard| Arc::ptr_eq(heard, socket))
-    }
-
     /// What a call to the socket failed with. One whose interface is gone is given up.
     pub fn failed(&self, fault: Fault) {
         let mut inner = self.inner();
@@ -120,11 +114,11 @@ impl Link {
         !Interface::look(&self.interface).is_ok_and(|found| found.is_up)
     }
 
-    /// Hands an answer of SDO to whoever asked.
-    pub fn answered(&self, frame: &Frame) {
-        if let Some(answers) = &self.inner().answers {
+    /// Hands a frame of SDO to whoever asks: an answer, or a question of ours that has passed itself.
+    pub fn passed(&self, frame: &Frame) {
+        if let Some(passing) = &self.inner().passing {
             // One that nobody takes is none that anybody waits for.
-            let _ = answers.try_send(*frame);
+            let _ = passing.try_send(*frame);
         }
     }
 
@@ -143,7 +137,7 @@ impl Link {
     /// Whoever asks from now on.
     pub(super) fn ask(&self) -> mpsc::Receiver<Frame> {
         let (sender, receiver) = mpsc::channel(UNREAD);
-        self.inner().answers = Some(sender);
+        self.inner().passing = Some(sender);
         receiver
     }
 

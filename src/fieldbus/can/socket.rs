@@ -8,14 +8,13 @@
 //! - The receive buffer holds 278 frames, and what comes then is lost without a word: it is made larger, and losses are
 //!   counted.
 //!
-//! A socket does not hear its own frames. Where the interface was deleted it is of no use any more, also when there is one
+//! A socket hears its own frames only where it is told to ([`Socket::hears_itself`]). Where the interface was deleted it is of no use any more, also when there is one
 //! of that name again: open another.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use socketcan::{
     CanAddr, CanAnyFrame, CanDataFrame, CanErrorFrame, CanFdFrame, CanFdSocket, CanFilter, EmbeddedFrame,
     Frame as _, Socket as _, SocketOptions,
@@ -71,6 +70,15 @@ impl Socket {
         Ok(Socket { fd, full: AtomicU64::new(0) })
     }
 
+    /// Hears its own frames too, where they are wanted: each in its place among the others, once it has gone out.
+    ///
+    /// # Errors
+    /// The kernel refuses it.
+    pub fn hears_itself(self) -> Result<Socket, Fault> {
+        self.fd.get_ref().set_recv_own_msgs(true).map_err(|error| judge(&error))?;
+        Ok(self)
+    }
+
     /// Until something has come since this was last asked. Whoever waits so calls [`Socket::hear_now`] until there is
     /// nothing more, else what is left is waited for in vain.
     pub async fn ready(&self) {
@@ -97,14 +105,6 @@ impl Socket {
                 Err(error) => return Err(judge(&error)),
             }
         }
-    }
-
-    /// Whether something has come that [`Socket::hear_now`] has not taken yet.
-    pub fn has_waiting(&self) -> bool {
-        let mut polled = [PollFd::new(self, PollFlags::IN)];
-        let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
-        poll(&mut polled, Some(&at_once)).is_ok_and(|ready| ready > 0)
-            && polled[0].revents().contains(PollFlags::IN)
     }
 
     /// Puts a frame into the interface's queue, where it has room now.

@@ -8,7 +8,7 @@ use tokio::sync::mpsc;
 use super::link::Link;
 use super::socket::Socket;
 use crate::fieldbus::canopen::NodeId;
-use crate::fieldbus::canopen::sdo::{Client, Data, Progress};
+use crate::fieldbus::canopen::sdo::{ANSWER, Client, Data, Progress};
 use crate::fieldbus::connection::{Connection, Dial};
 use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::{CallerFault, CanFault, Fault, LinkFault, PeerFault};
@@ -34,7 +34,7 @@ impl Dial for CanDial {
     fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         let wire = match (self.link.fault(), self.link.socket()) {
             (None, Some(socket)) => Ok(Connection::Other(Box::new(CanWire {
-                answers: self.link.ask(),
+                passing: self.link.ask(),
                 link: self.link.clone(),
                 socket,
                 patience: self.timeout / 2,
@@ -53,7 +53,8 @@ const PAUSE: Duration = Duration::from_millis(1);
 struct CanWire {
     link: Arc<Link>,
     socket: Arc<Socket>,
-    answers: mpsc::Receiver<Frame>,
+    /// Answers, and our own questions, in the order of the bus.
+    passing: mpsc::Receiver<Frame>,
     patience: Duration,
     /// The node whose answer is awaited.
     asked: Option<NodeId>,
@@ -72,7 +73,7 @@ impl Wire for CanWire {
             match request {
                 CanRequest::Read { object } => {
                     let node = node(unit)?;
-                    self.discard_unasked(node).await;
+                    self.discard_unasked(node);
                     departure.leave()?;
                     let first = self.link.client(node, |client| client.read(object.entry));
                     let data = self.transfer(node, first, departure).await?;
@@ -85,7 +86,7 @@ impl Wire for CanWire {
                 CanRequest::Write { object, values } => {
                     let node = node(unit)?;
                     let bytes = object.bytes(values);
-                    self.discard_unasked(node).await;
+                    self.discard_unasked(node);
                     departure.leave()?;
                     let first = self.link.client(node, |client| client.write(object.entry, &bytes));
                     self.transfer(node, first, departure).await.map(|_| Answer::Done)
@@ -112,14 +113,42 @@ impl Wire for CanWire {
 
 impl CanWire {
     /// What has come before the question answers an older one, or none: whatever else of that kind is under way must not be
-    /// taken for the answer to this one. The same goes for what waits in the kernel until whoever listens has its turn.
-    async fn discard_unasked(&mut self, node: NodeId) {
-        while self.link.hears(&self.socket) && self.socket.has_waiting() {
-            tokio::task::yield_now().await;
+    /// taken for the answer to this one.
+    fn discard_unasked(&mut self, node: NodeId) {
+        while let Ok(passed) = self.passing.try_recv() {
+            self.show(&passed);
+            self.link.client(node, |client| client.was_not_asked(&passed));
         }
-        while let Ok(frame) = self.answers.try_recv() {
-            self.tap.pass(frame.data(), false);
-            self.link.client(node, |client| client.was_not_asked(&frame));
+    }
+
+    /// Sends a frame of a transfer and waits until it has passed. What passes before it came before it, wherever in the
+    /// computer it waited meanwhile, and answers nothing.
+    async fn ask(
+        &mut self,
+        node: NodeId,
+        question: &Frame,
+        departure: Option<&mut Departure>,
+    ) -> Result<(), Fault> {
+        self.send(question, departure).await?;
+        loop {
+            let passed = self.next().await?;
+            if passed == *question {
+                return Ok(());
+            }
+            self.link.client(node, |client| client.was_not_asked(&passed));
+        }
+    }
+
+    async fn next(&mut self) -> Result<Frame, Fault> {
+        let passed = self.passing.recv().await.ok_or(Fault::Link(LinkFault::Broken))?;
+        self.show(&passed);
+        Ok(passed)
+    }
+
+    /// What is asked was shown when it was sent.
+    fn show(&self, passed: &Frame) {
+        if NodeId::sender(passed, ANSWER).is_some() {
+            self.tap.pass(passed.data(), false);
         }
     }
 
@@ -131,22 +160,20 @@ impl CanWire {
         departure: &mut Departure,
     ) -> Result<Option<Data>, Fault> {
         self.asked = Some(node);
-        self.send(&first, Some(departure)).await?;
+        self.ask(node, &first, Some(departure)).await?;
         let end = loop {
             let progress = loop {
-                let answer = self.answers.recv().await.ok_or(Fault::Link(LinkFault::Broken))?;
-                self.tap.pass(answer.data(), false);
+                let answer = self.next().await?;
                 if let Some(progress) = self.link.client(node, |client| client.take(&answer)) {
                     break progress;
                 }
             };
             match progress {
-                Progress::Send(next) => self.send(&next, None).await?,
+                Progress::Send(next) => self.ask(node, &next, None).await?,
                 // Only now does the question itself leave, if it still may.
                 Progress::Begin(first) => {
-                    self.discard_unasked(node).await;
                     departure.leave()?;
-                    self.send(&first, Some(departure)).await?;
+                    self.ask(node, &first, Some(departure)).await?;
                 }
                 Progress::Read(data) => break Ok(Some(data)),
                 Progress::Written => break Ok(None),

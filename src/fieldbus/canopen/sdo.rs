@@ -23,6 +23,11 @@ pub const REQUEST: u16 = 0x600;
 /// The identifiers of answers: this and the node's number.
 pub const ANSWER: u16 = 0x580;
 
+/// What passes of the transfers with a node: requests and answers.
+pub fn identifiers(node: NodeId) -> [CanId; 2] {
+    [node.identifier(REQUEST), node.identifier(ANSWER)]
+}
+
 /// The most bytes that are read: more than any value or name has.
 pub const LONGEST: usize = 4096;
 

@@ -183,8 +183,8 @@ impl CanListener {
 
     fn take(&mut self, frame: &Frame) {
         let now = self.shared.clock.now();
-        if self.nodes.answers(frame.id()) {
-            self.can.link.answered(frame);
+        if self.nodes.is_sdo(frame.id()) {
+            self.can.link.passed(frame);
         }
         if let Some(device) = self.nodes.speaker(frame) {
             let reactions = self.nodes.take(frame, now);

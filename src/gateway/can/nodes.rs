@@ -8,7 +8,7 @@ use crate::fieldbus::canopen::NodeId;
 use crate::fieldbus::canopen::emergency::{Emergency, SERVICE};
 use crate::fieldbus::canopen::master::{Care, Master, NodeEvent, Output, Start};
 use crate::fieldbus::canopen::node::HEARTBEAT;
-use crate::fieldbus::canopen::sdo::ANSWER;
+use crate::fieldbus::canopen::sdo;
 use isotherm_core::codec::{Address, CanId, CanMatch, Frame};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, CanDevice, DeviceId, Profile, Sync};
@@ -22,7 +22,7 @@ pub(super) struct Nodes {
     sync: Option<Sync>,
     master: Master,
     devices: Vec<(DeviceId, Option<NodeId>)>,
-    answers: Vec<CanId>,
+    sdo: Vec<CanId>,
     silences: Vec<Silence>,
     emergencies: BTreeMap<(NodeId, u16), u64>,
     outputs: Vec<Output>,
@@ -73,7 +73,7 @@ impl Nodes {
             master: Master::new(settings.iter().copied(), sync, now),
             silences: silences.collect(),
             devices: here.map(|(id, can)| (id, node(can))).collect(),
-            answers: settings.iter().map(|(node, _)| node.identifier(ANSWER)).collect(),
+            sdo: settings.iter().flat_map(|(node, _)| sdo::identifiers(*node)).collect(),
             emergencies: BTreeMap::new(),
             outputs: Vec::new(),
             settings,
@@ -89,12 +89,12 @@ impl Nodes {
 
     /// The frames that are wanted for that.
     pub(super) fn wanted(&self) -> impl Iterator<Item = CanMatch> {
-        self.master.identifiers().chain(self.answers.iter().copied()).map(CanMatch::exactly)
+        self.master.identifiers().chain(self.sdo.iter().copied()).map(CanMatch::exactly)
     }
 
-    /// Whether a frame answers an SDO of ours.
-    pub(super) fn answers(&self, id: CanId) -> bool {
-        self.answers.contains(&id)
+    /// Whether a frame asks a node of ours by SDO, or is the answer.
+    pub(super) fn is_sdo(&self, id: CanId) -> bool {
+        self.sdo.contains(&id)
     }
 
     pub(super) fn devices(&self) -> impl Iterator<Item = DeviceId> {

@@ -119,8 +119,8 @@ fn an_emergency_is_reported_once_a_code_until_all_are_over() {
 fn the_kernel_lets_through_what_is_listened_to_and_nothing_else() {
     let nodes = nodes();
     let wanted: Vec<u32> = nodes.wanted().map(|one| one.id.raw()).collect();
-    assert_eq!(wanted, [0x085, 0x705, 0x585]);
-    assert!(nodes.answers(CanId::standard(0x585).unwrap()));
+    assert_eq!(wanted, [0x085, 0x705, 0x605, 0x585]);
+    assert!(nodes.is_sdo(CanId::standard(0x585).unwrap()));
     assert_eq!(nodes.speaker(&frame(0x706, &[5])), None);
     assert_eq!(nodes.speaker(&frame(0x185, &[5])), None);
 }
