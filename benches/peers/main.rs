@@ -18,6 +18,10 @@ use isotherm::clock::Clock;
 mod bare;
 mod devices;
 mod gateway;
+#[path = "../process/mod.rs"]
+mod process;
+
+use process::Process;
 
 /// Connections and the first decisions are not counted.
 const WARM_UP: Duration = Duration::from_secs(2);
@@ -89,14 +93,14 @@ fn compare(seconds: u64) {
         let figures = [(&loops, "sockets"), (&loops, "threads"), (&own, "tasks"), (&own, "fleet")].map(
             |(program, mode)| {
                 let mut devices = Devices::start(&own, 5);
-                let contender = Contender::start(program, mode, devices.port, &work.words());
+                let measured = contender(program, mode, devices.port, &work.words());
                 std::thread::sleep(WARM_UP);
-                let (before, woken, counted) = (contender.busy(), contender.wakes(), devices.counts());
+                let (before, woken, counted) = (measured.busy(), measured.wakes(), devices.counts());
                 let begun = Clock::wall().now();
                 std::thread::sleep(span);
                 let passed = Clock::wall().now().since(begun).as_secs_f64();
-                let (core, memory) = (100.0 * (contender.busy() - before) / passed, contender.memory_mb());
-                let wakes = (contender.wakes() - woken) as f64 / passed;
+                let (core, memory) = (100.0 * (measured.busy() - before) / passed, measured.memory_mb());
+                let wakes = (measured.wakes() - woken) as f64 / passed;
                 let Counts { reads, writes, .. } = devices.counts();
                 let wanted = f64::from(work.devices) * passed / work.period.as_secs_f64();
                 let done = (reads - counted.reads) as f64 / wanted;
@@ -128,7 +132,7 @@ fn start(own: &Path) {
     let mut took = [0; TURNS].map(|_| {
         let mut devices = Devices::start(own, 0);
         let begun = Clock::wall().now();
-        let _contender = Contender::start(own, "isotherm", devices.port, &[]);
+        let _contender = contender(own, "isotherm", devices.port, &[]);
         while devices.counts().writes == 0 {}
         Clock::wall().now().since(begun).as_secs_f64() * 1e3
     });
@@ -159,7 +163,7 @@ fn closed_loops(own: &Path, loops: &Path, span: Duration) {
     for _ in 0..TURNS {
         for ((_, program, mode, _), turns) in contenders.iter().zip(&mut turns) {
             let mut devices = Devices::start(own, 0);
-            let _contender = Contender::start(program, mode, devices.port, &[]);
+            let _contender = contender(program, mode, devices.port, &[]);
             std::thread::sleep(Duration::from_millis(500));
             let (begun, before) = (Clock::wall().now(), devices.counts());
             std::thread::sleep(span);
@@ -198,6 +202,11 @@ fn compiled() -> PathBuf {
     let is_done = compile.status().is_ok_and(|status| status.success());
     assert!(is_done, "a C compiler and libmodbus are wanted: apt-get install gcc libc6-dev libmodbus-dev");
     program
+}
+
+/// A contender.
+fn contender(program: &Path, mode: &str, port: u16, more: &[String]) -> Process {
+    Process::start(Command::new(program).arg(mode).arg(port.to_string()).args(more))
 }
 
 /// The process of the devices.
@@ -248,48 +257,5 @@ impl Drop for Devices {
     fn drop(&mut self) {
         let _ = self.process.kill();
         let _ = self.process.wait();
-    }
-}
-
-/// The process of one contender.
-struct Contender(Child);
-
-impl Contender {
-    fn start(program: &Path, mode: &str, port: u16, more: &[String]) -> Contender {
-        Contender(Command::new(program).arg(mode).arg(port.to_string()).args(more).spawn().unwrap())
-    }
-
-    /// Seconds of the processor, user and system, of all its threads: those that are still there.
-    fn busy(&self) -> f64 {
-        let spent = |text: &str| -> Option<f64> { text.split_whitespace().next()?.parse().ok() };
-        1e-9 * self.of_threads("schedstat", spent).sum::<f64>()
-    }
-
-    /// How often its threads have waited for something, and were woken.
-    fn wakes(&self) -> u64 {
-        let waited = |text: &str| -> Option<u64> {
-            let count = text.split("\nvoluntary_ctxt_switches:").nth(1)?;
-            count.split_whitespace().next()?.parse().ok()
-        };
-        self.of_threads("status", waited).sum()
-    }
-
-    /// What this file says of each of its threads.
-    fn of_threads<T>(&self, file: &str, figure: impl Fn(&str) -> Option<T>) -> impl Iterator<Item = T> {
-        let tasks = std::fs::read_dir(format!("/proc/{}/task", self.0.id())).unwrap();
-        tasks.flatten().filter_map(move |task| figure(&std::fs::read_to_string(task.path().join(file)).ok()?))
-    }
-
-    fn memory_mb(&self) -> f64 {
-        let text = std::fs::read_to_string(format!("/proc/{}/status", self.0.id())).unwrap();
-        let line = text.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
-        line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
-    }
-}
-
-impl Drop for Contender {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
     }
 }

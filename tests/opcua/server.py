@@ -51,7 +51,9 @@ parser.add_argument("--most-written", type=int, default=0)
 parser.add_argument("--holds", action="append", default=[])
 parser.add_argument("--most", type=int, default=0, help="so many nodes in a call, read or subscribed to")
 parser.add_argument("--subscriptions", type=int, default=1000, help="so many at once")
-parser.add_argument("--journal", help="a file to which is added what is told and written, each with its moment")
+parser.add_argument("--journal", help="a file to which is added what is told, written and read back, each with its moment")
+parser.add_argument("--many", type=int, default=0, help="so many nodes more: many0, many1, …")
+parser.add_argument("--changing", action="store_true", help="each of the many changes every tenth of a second")
 parser.add_argument("--interval", type=float, default=0, help="subscriptions send no sooner than this, milliseconds")
 arguments = parser.parse_args()
 
@@ -151,6 +153,10 @@ async def main():
     await server.nodes.objects.add_variable(ua.NodeId("several", space), "several", [1.0, 2.0])
     hidden = await server.nodes.objects.add_variable(ua.NodeId("hidden", space), "hidden", 1.0)
     await hidden.unset_attr_bit(ua.AttributeIds.UserAccessLevel, ua.AccessLevel.CurrentRead)
+    many = [
+        await server.nodes.objects.add_variable(ua.NodeId(f"many{place}", space), f"many{place}", 20.0, ua.VariantType.Float)
+        for place in range(arguments.many)
+    ]
     held |= {name: variant(name, number) for name, number in (one.split("=") for one in arguments.holds)}
     if arguments.most:
         limit = server.get_node(ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxNodesPerRead)
@@ -216,6 +222,8 @@ async def main():
         if arguments.most and len(params.NodesToRead) > arguments.most:
             raise ua.uaerrors.BadTooManyOperations()
         told("read", params.NodesToRead)
+        for name in {names.get(one.NodeId) for one in params.NodesToRead} - {None, *READ_ONLY}:
+            note("read", name)
         if any(ends.get(names.get(one.NodeId)) for one in params.NodesToRead):
             os._exit(1)
         return read(params)
@@ -302,7 +310,16 @@ async def main():
     async def stamps():
         while True:
             await stamp()
+            if arguments.changing:
+                await change()
             await asyncio.sleep(0.1)
+
+    async def change():
+        now = datetime.now(timezone.utc)
+        for place, node in enumerate(many):
+            number = 20.0 + (time.monotonic() * 10 + place) % 10
+            value = ua.DataValue(ua.Variant(number, ua.VariantType.Float), ua.StatusCode(ua.StatusCodes.Good), now)
+            await server.write_attribute_value(node.nodeid, value)
 
     async with server:
         port = server.bserver._server.sockets[0].getsockname()[1]

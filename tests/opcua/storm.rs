@@ -1,6 +1,8 @@
-//! A gateway beside a server that is killed, forgets, falls silent and lies about the time, for as long as `TEST_OPCUA_SECONDS` says: a
-//! judge that knows only what the server held, and when, holds every write to the rules of an output.
+//! A gateway beside a server that is killed, forgets, falls silent and lies about the time, for as long as `TEST_OPCUA_SECONDS` says,
+//! while it reads 500 more nodes ten times a second: a judge that knows only what the server held and was asked, and when, holds every
+//! write to the rules of an output.
 
+use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Duration;
 
@@ -17,6 +19,12 @@ const LIMIT: f64 = 400.0;
 const STEP: f64 = 10.0;
 /// A change may rest on what the server held so long ago: `max_age`, and what a reading, a decision and a write take.
 const WINDOW: f64 = 2.0 + 1.5;
+/// The output is looked at every 0.2 s, the heartbeat counts every half second: this is late on any computer.
+const LATE: f64 = 3.0;
+/// So long after it was interrupted a gateway goes on as before.
+const RESUMED: f64 = 15.0;
+/// What is read beside the machine, ten times a second.
+const MANY: usize = 500;
 
 fn seconds() -> u64 {
     let Ok(text) = std::env::var("TEST_OPCUA_SECONDS") else { return SECONDS };
@@ -92,8 +100,28 @@ struct Judge {
     bed: f64,
     is_good: bool,
     is_on_time: bool,
+    /// Since the last write.
+    was_read: bool,
+    read: Regular,
+    beat: Regular,
+    /// What the heartbeat's last value was, of this server's life.
+    beats: Option<f64>,
+    /// Until when an interruption excuses what is late.
+    excused: f64,
     writes: usize,
     wrong: Vec<String>,
+}
+
+/// What must come again and again: when it came last.
+#[derive(Default)]
+struct Regular(Option<f64>);
+
+impl Regular {
+    /// It comes. Whether that is late.
+    fn comes(&mut self, at: f64, excused: f64) -> bool {
+        let last = self.0.replace(at);
+        last.is_some_and(|last| at - last.max(excused) > LATE)
+    }
 }
 
 impl Judge {
@@ -101,7 +129,22 @@ impl Judge {
         let words: Vec<&str> = line.split_whitespace().collect();
         let number = |place: usize| words[place].parse::<f64>().unwrap();
         match words[1..] {
-            ["start"] => (self.bed, self.is_good, self.is_on_time) = (20.0, true, true),
+            ["start"] => {
+                (self.bed, self.is_good, self.is_on_time) = (20.0, true, true);
+                (self.was_read, self.beats, self.excused) = (false, None, number(0) + RESUMED);
+            }
+            ["drop" | "forget"] | ["hold", ..] => {
+                self.excused = number(0) + RESUMED;
+                return;
+            }
+            ["read", "offset"] => {
+                self.was_read = true;
+                if self.read.comes(number(0), self.excused) {
+                    self.wrong.push(format!("looked at too seldom: {line}"));
+                }
+                return;
+            }
+            ["write", "life", ..] => return self.beats(line, number(0), number(4)),
             ["value", "bed", _] => self.bed = number(3),
             ["status", "bed", status] => self.is_good = status == "Good",
             ["stamp", "bed", _] => self.is_on_time = number(3).abs() < 1.0,
@@ -122,6 +165,9 @@ impl Judge {
         if (after - before).abs() > STEP {
             say("more than a step");
         }
+        if !std::mem::take(&mut self.was_read) {
+            say("nobody has looked since the last write");
+        }
         if after.to_bits() == before.to_bits() {
             return;
         }
@@ -133,13 +179,25 @@ impl Judge {
             say("away from everything that the server has held lately");
         }
     }
+
+    /// The heartbeat goes on in every state, one by one; one that did not arrive is not made up for.
+    fn beats(&mut self, line: &str, at: f64, beat: f64) {
+        if self.beat.comes(at, self.excused) {
+            self.wrong.push(format!("the heartbeat stood still: {line}"));
+        }
+        let before = self.beats.replace(beat);
+        if before.is_some_and(|before| !(1.0..=1.0 + RESUMED / 0.5).contains(&(beat - before))) {
+            self.wrong.push(format!("no beat after {before:?}: {line}"));
+        }
+    }
 }
 
 #[test]
 fn whatever_becomes_of_the_server_each_write_is_one_that_it_could_expect() {
     let directory = tempfile::tempdir().unwrap();
     let journal = directory.path().join("journal");
-    let arguments = vec!["--journal".to_owned(), journal.display().to_string()];
+    let journaled = ["--journal".to_owned(), journal.display().to_string()];
+    let arguments = [journaled, ["--many".to_owned(), MANY.to_string()]].concat();
     let text = std::thread::spawn(move || storm(&arguments)).join().unwrap();
     let judge = judged(&journal);
     println!("{text}; {} writes, {} against the rules", judge.writes, judge.wrong.len());
@@ -154,13 +212,27 @@ fn the_judge_notices_what_breaks_a_rule() {
         lines.iter().for_each(|line| judge.hears(line));
         judge.wrong.len()
     };
-    let warm = |line: &str| wrong(&["0 start", "10 value bed 22", line]);
+    let warm = |line: &str| wrong(&["0 start", "10 value bed 22", "10 read offset", line]);
     assert_eq!(warm("11 write offset 0 10"), 0);
     assert_eq!(warm("11 write offset 0 11"), 1, "more than a step");
     assert_eq!(warm("11 write offset 400 405"), 2, "beyond the limit, and away from everything");
     assert_eq!(warm("20 write offset 20 10"), 1, "what it held ten seconds ago");
-    let bad = ["0 start", "10 value bed 22", "11 status bed BadSensorFailure", "20 write offset 0 10"];
+    let bad = [
+        "0 start",
+        "10 value bed 22",
+        "11 status bed BadSensorFailure",
+        "20 read offset",
+        "20 write offset 0 10",
+    ];
     assert_eq!(wrong(&bad), 1, "nothing could be believed");
+    let twice =
+        ["0 start", "10 value bed 22", "10 read offset", "11 write offset 0 10", "12 write offset 10 20"];
+    assert_eq!(wrong(&twice), 1, "nobody has looked between them");
+    assert_eq!(wrong(&["0 start", "20 read offset", "24 read offset"]), 1, "looked at too seldom");
+    assert_eq!(wrong(&["0 start", "20 read offset", "21 drop", "38 read offset"]), 0, "the session was lost");
+    assert_eq!(wrong(&["0 start", "20 write life 0 4", "21 write life 4 6"]), 0, "one did not arrive");
+    assert_eq!(wrong(&["0 start", "20 write life 0 4", "21 write life 4 4"]), 1, "the same beat");
+    assert_eq!(wrong(&["0 start", "20 write life 0 4", "24 write life 4 5"]), 1, "it stood still");
 }
 
 fn judged(journal: &Path) -> Judge {
@@ -173,7 +245,7 @@ fn judged(journal: &Path) -> Judge {
 fn storm(arguments: &[String]) -> String {
     let arguments: Vec<String> = arguments.to_vec();
     let server = Server::start(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
-    let text = subscribing(server.port);
+    let text = subscribing(server.port) + &beside_it();
     let clock = Clock::wall();
     let (tell, told) = std::sync::mpsc::channel();
     let status = beside(&text, Options::default(), move |_| {
@@ -193,5 +265,20 @@ fn storm(arguments: &[String]) -> String {
         let _ = tell.send((troubles, clock.now().since(begun)));
     });
     let (troubles, span) = told.recv().unwrap();
+    let goods = status.signals.iter().filter(|signal| signal.quality == "good").count();
+    assert_eq!(goods, 2 + MANY, "in the end all is well");
     format!("{troubles} troubles in {:.0} s, {} events", span.as_secs_f64(), events(&status).len())
+}
+
+/// A heartbeat, and what is read beside the machine.
+fn beside_it() -> String {
+    let mut text = String::from(
+        "[heartbeat]\ndevice = \"cnc\"\nnode = \"ns=2;s=life\"\ntype = \"i16\"\nevery = \"500ms\"\n\
+         [device.many]\nbus = \"control\"\nevery = \"100ms\"\nsource_time = \"changed\"\n",
+    );
+    for place in 0..MANY {
+        let node = format!("device = \"many\"\nnode = \"ns=2;s=many{place}\"\n");
+        write!(text, "[signal.many{place}]\n{node}unit = \"degC\"\nmax_age = \"5s\"\n").unwrap();
+    }
+    text
 }

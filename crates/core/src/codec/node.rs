@@ -104,7 +104,9 @@ impl FromStr for NodeId {
                 (number.map_err(|_| format!("the namespace of `{text}` is no number up to 65535"))?, rest)
             }
         };
-        let (kind, name) = rest.split_once('=').ok_or_else(|| format!("`{text}` is no node"))?;
+        let (kind, name) = rest
+            .split_once('=')
+            .ok_or_else(|| format!("`{text}` is no node: one is written `ns=2;s=name` or `i=2258`"))?;
         let identifier = match kind {
             "i" => Identifier::Number(name.parse().map_err(|_| format!("`{name}` is no number of 32 bits"))?),
             "s" if name.is_empty() => return Err(format!("`{text}` has no name behind `s=`")),

@@ -77,7 +77,7 @@ impl Traffic<'_> {
 
     fn heartbeat(&mut self) {
         if let Some(heartbeat) = &self.profile.heartbeat {
-            let at = heartbeat.address.register().unwrap_or(holding(0));
+            let at = register_for(&heartbeat.address);
             let frames = write_frames(self.profile.device(heartbeat.device), at, 1);
             self.ask(heartbeat.device, per(heartbeat.every), true, frames);
         }
@@ -128,7 +128,7 @@ impl Traffic<'_> {
         let device = self.profile.device(output.device);
         let registers = output.encoding.data_type.registers();
         if output.display.beside.is_empty() {
-            let at = output.address.register().unwrap_or(holding(0));
+            let at = register_for(&output.address);
             for _ in 0..transfers(&output.address, registers) {
                 self.ask(output.device, per_second, true, write_frames(device, at, registers));
             }
@@ -189,7 +189,7 @@ impl Traffic<'_> {
             self.ask(set.device, often, true, write_frames(device, holding(0), 1));
         }
         if let Some(handshake) = &set.handshake {
-            let register = |bit: &Bit| bit.address().register().unwrap_or(holding(0));
+            let register = |bit: &Bit| register_for(&bit.address());
             let asked = cells_read(register(&handshake.acknowledge).table, 1);
             self.ask(set.device, f64::from(ASKS) * often, true, asked);
             let strobe = write_frames(device, register(&handshake.strobe), 1);
@@ -201,6 +201,11 @@ impl Traffic<'_> {
 /// Values in CAN frames come and go without a question.
 fn is_asked_for(address: &Address) -> bool {
     !address.is_in_frames()
+}
+
+/// What is in no register, as a node, is counted as the shortest request would be.
+fn register_for(address: &Address) -> Register {
+    address.register().unwrap_or(holding(0))
 }
 
 const fn holding(offset: u16) -> Register {

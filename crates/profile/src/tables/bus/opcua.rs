@@ -141,11 +141,8 @@ impl OpcUa {
         section.line(format!("  messages are {security}; speaks as {user}"));
         let trusted: Vec<&str> = self.trusted.iter().map(|file| file.name.as_str()).collect();
         if let (Some((cert, _)), Some(directory)) = (&self.own, &self.trusted_in) {
-            section.line(format!(
-                "  shows {}; trusts the certificates in {directory}: {}",
-                cert.name,
-                trusted.join(", ")
-            ));
+            let known = if trusted.is_empty() { "none is there yet".to_owned() } else { trusted.join(", ") };
+            section.line(format!("  shows {}; trusts the certificates in {directory}: {known}", cert.name));
         }
         section.entry("security", security);
         section.entry("user", user);

@@ -1,0 +1,157 @@
+//! Five hundred values ten times a second, from nodes of OPC UA and from registers of Modbus: what the gateway takes of the processor and
+//! of memory for each.
+//!
+//! `isotherm run` is a process of its own here, as on a machine; so are its devices, a server of asyncua and `isotherm virtual`. The limit:
+//! what is asked for comes ten times a second, for at most twice the processor time that Modbus takes, and 20 MB more.
+//!
+//! `cargo bench --features opcua --bench nodes`; the seconds of a measurement may be given. Wants asyncua (`tests/run opcua`).
+
+#![allow(clippy::unwrap_used, reason = "a bench may stop where it stands")]
+
+use std::fmt::Write as _;
+use std::io::{BufRead, BufReader};
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+
+#[path = "process/mod.rs"]
+mod process;
+
+use process::Process;
+
+const VALUES: usize = 500;
+/// Polls in a second.
+const RATE: f64 = 10.0;
+const WARM_UP: Duration = Duration::from_secs(5);
+const MOST_TIMES: f64 = 2.0;
+const MOST_MB_MORE: f64 = 20.0;
+
+fn main() {
+    let seconds = std::env::args().skip(1).find(|word| word != "--bench");
+    let span = Duration::from_secs(seconds.map_or(20, |seconds| seconds.parse().unwrap()));
+    let directory = tempfile::tempdir().unwrap();
+    let place = directory.path();
+    println!("{:<52}{:>10}{:>8}{:>16}", "500 values, 10 Hz", "% of core", "MB", "polls a second");
+
+    let port = free();
+    let profile = registers(place, port);
+    let devices = Process::start(isotherm("virtual", &profile).stdout(Stdio::null()));
+    let modbus = measure("Modbus TCP, four requests", &profile, span);
+    drop(devices);
+    for (name, subscribed, changing) in [
+        ("OPC UA, asked for by one Read", false, false),
+        ("OPC UA, subscribed to, all of them changing", true, true),
+        ("OPC UA, subscribed to, none of them changing", true, false),
+    ] {
+        let (server, port) = server(changing);
+        let found = measure(name, &nodes(place, port, subscribed), span);
+        drop(server);
+        if !subscribed {
+            let is_reached = found.core < MOST_TIMES * modbus.core
+                && found.memory < modbus.memory + MOST_MB_MORE
+                && found.rate > 0.98 * RATE;
+            let reached = if is_reached { "reached" } else { "MISSED" };
+            println!(
+                "    at most {MOST_TIMES} times the processor time, {MOST_MB_MORE} MB more than Modbus: {:.2} times, {:.1} MB: {reached}",
+                found.core / modbus.core,
+                found.memory - modbus.memory
+            );
+        }
+    }
+}
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_isotherm");
+
+/// A verb, with a state of its own.
+fn isotherm(verb: &str, profile: &Path) -> Command {
+    let mut command = Command::new(PROGRAM);
+    command.arg(verb).arg(profile).stderr(Stdio::null());
+    if verb != "virtual" {
+        command.arg("--state").arg(profile.parent().unwrap());
+    }
+    command
+}
+
+fn free() -> u16 {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+/// asyncua; its port.
+fn server(changing: bool) -> (Process, u16) {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let target = Path::new(PROGRAM).parent().unwrap().parent().unwrap();
+    let port = free();
+    let mut command = Command::new(target.join("tools/venv/bin/python"));
+    command.arg(here.join("tests/opcua/server.py")).args(["--port", &port.to_string()]);
+    command.args(["--many", &VALUES.to_string()]);
+    if changing {
+        command.arg("--changing");
+    }
+    // What it is told, nothing: it lives as long as this.
+    let (hears, said) = std::io::pipe().unwrap();
+    let (told, tells) = std::io::pipe().unwrap();
+    let process = Process::start(command.stdin(told).stdout(said));
+    std::mem::forget(tells);
+    let mut line = String::new();
+    BufReader::new(hears).read_line(&mut line).unwrap();
+    (process, line.trim().parse().unwrap())
+}
+
+struct Found {
+    core: f64,
+    memory: f64,
+    rate: f64,
+}
+
+fn measure(name: &str, profile: &Path, span: Duration) -> Found {
+    let process = Process::start(isotherm("run", profile).stdout(Stdio::null()));
+    std::thread::sleep(WARM_UP);
+    let (begun, busy, before) = (Clock::wall().now(), process.busy(), polls(profile));
+    std::thread::sleep(span);
+    let passed = Clock::wall().now().since(begun).as_secs_f64();
+    let core = 100.0 * (process.busy() - busy) / passed;
+    let found = Found { core, memory: process.memory_mb(), rate: (polls(profile) - before) / passed };
+    println!("{name:<52}{:>10.2}{:>8.1}{:>16.2}", found.core, found.memory, found.rate);
+    found
+}
+
+/// How often the values have been taken so far. All of them must be good.
+fn polls(profile: &Path) -> f64 {
+    let said = isotherm("status", profile).arg("--json").output().unwrap().stdout;
+    let status: serde_json::Value = serde_json::from_slice(&said).unwrap();
+    let signals = status["signals"].as_array().unwrap();
+    let bad: Vec<_> = signals.iter().filter(|signal| signal["quality"] != "good").collect();
+    assert!(bad.is_empty() && signals.len() == VALUES, "{} are bad, as {:?}", bad.len(), bad.first());
+    status["buses"][0]["cycles"].as_f64().unwrap()
+}
+
+fn registers(place: &Path, port: u16) -> PathBuf {
+    let bus = format!("type = \"modbus-tcp\"\naddress = \"127.0.0.1:{port}\"\n");
+    let signal = |number| format!("register = \"input:{number}\"\ntype = \"i16\"\nscale = 0.1\n");
+    written(place, &bus, "unit = 1\n", signal)
+}
+
+fn nodes(place: &Path, port: u16, is_subscribed: bool) -> PathBuf {
+    let bus = format!("type = \"opcua\"\naddress = \"opc.tcp://127.0.0.1:{port}\"\nsecurity = \"none\"\n");
+    let read = if is_subscribed { "read = \"subscription\"\n" } else { "" };
+    let device = format!("source_time = \"changed\"\n{read}");
+    written(place, &bus, &device, |number| format!("node = \"ns=2;s=many{number}\"\n"))
+}
+
+fn written(place: &Path, bus: &str, device: &str, signal: impl Fn(usize) -> String) -> PathBuf {
+    let mut text = format!(
+        "[machine]\nname = \"nodes\"\n[web]\nlisten = \"127.0.0.1:{}\"\n[bus.b]\n{bus}timeout = \"1s\"\n\
+         [device.d]\nbus = \"b\"\nevery = \"100ms\"\n{device}",
+        free()
+    );
+    for number in 0..VALUES {
+        let own = signal(number);
+        write!(text, "[signal.s{number}]\ndevice = \"d\"\n{own}unit = \"degC\"\nmax_age = \"5s\"\n").unwrap();
+    }
+    let path = place.join("nodes.toml");
+    std::fs::write(&path, text).unwrap();
+    path
+}
