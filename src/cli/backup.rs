@@ -25,8 +25,10 @@ pub(super) const MANIFEST: &str = "manifest.json";
 pub(super) const PROFILE: &str = "profile";
 pub(super) const STATE: &str = "state";
 /// Of an archive that holds a token or a key, and of these.
-const SECRET_MODE: u32 = 0o600;
-const MODE: u32 = 0o640;
+pub(super) const SECRET_MODE: u32 = 0o600;
+pub(super) const MODE: u32 = 0o640;
+/// What is no secret beside a profile may be read by whoever runs the gateway.
+pub(super) const PROFILE_MODE: u32 = 0o644;
 
 /// Writes what belongs to a machine into one file, a tar archive: the profile and its .local.toml, the models, device templates,
 /// DBC files and certificates that they name, state and ledger, and a list with the SHA-256 of each. The gateway may run meanwhile.
@@ -46,7 +48,7 @@ pub(super) struct Arguments {
     /// Overrides one key, as often as needed: `--set bus.cell.address=10.0.0.7:502`
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
     set: Vec<(String, String)>,
-    /// With tokens and private keys; nobody else may read the file then (0600)
+    /// With tokens, passwords and private keys; nobody else may read the file then (0600)
     #[arg(long)]
     secrets: bool,
     /// The state directory that the gateway was started with
@@ -109,7 +111,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         } else {
             let bytes = regular::read(&shown, LARGEST)
                 .with_context(|| format!("{} cannot be read", shown.display()))?;
-            let mode = if secrets.contains(name) { SECRET_MODE } else { MODE };
+            let mode = if secrets.contains(name) { SECRET_MODE } else { PROFILE_MODE };
             files.push((format!("{PROFILE}/{name}"), mode, bytes));
         }
     }
@@ -138,11 +140,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         LARGEST >> 20
     );
     let mode = if manifest.secrets { SECRET_MODE } else { MODE };
-    write_new(file, &archive, mode).map_err(|error| match error.kind() {
+    write_new(file, &archive, mode, None).map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists => anyhow::anyhow!("{} is there already: give another name", file.display()),
         _ => anyhow::Error::new(error).context(format!("{} cannot be written", file.display())),
     })?;
-    let secret = if manifest.secrets { ", tokens and keys among them" } else { "" };
+    let secret = if manifest.secrets { ", secret ones among them" } else { "" };
     Ok(say!("{}: files of {}: {}{secret}", file.display(), profile.name, files.len())?)
 }
 
@@ -168,14 +170,16 @@ fn archive(manifest: &Manifest, files: &[(String, u32, Vec<u8>)]) -> anyhow::Res
     Ok(archive.into_inner()?)
 }
 
-/// The tokens and private keys that a profile names, as it names them.
+/// The tokens, passwords and private keys that a profile names, as it names them.
 fn secrets(profile: &Profile, beside: &Path) -> BTreeSet<String> {
     let web = profile.web.as_ref();
     let tokens = web.into_iter().flat_map(|web| [&web.token_file, &web.viewer_token_file]).flatten();
     let key = web.and_then(|web| web.tls.as_ref()).map(|tls| &tls.key);
     let mut secrets: BTreeSet<String> = tokens.chain(key).map(|path| name_in(path, beside)).collect();
-    let lines = profile.buses.iter().filter_map(|bus| bus.tls.as_ref());
-    secrets.extend(lines.map(|tls| tls.key.name.clone()));
+    for bus in &profile.buses {
+        secrets.extend(bus.tls.as_ref().map(|tls| tls.key.name.clone()));
+        secrets.extend(bus.opcua.iter().flat_map(|opcua| opcua.secrets()).map(|file| file.name.clone()));
+    }
     secrets
 }
 
@@ -194,10 +198,18 @@ pub(super) fn is_below(path: &Path) -> bool {
     path.components().next().is_some() && path.components().all(|part| matches!(part, Component::Normal(_)))
 }
 
-/// Writes a file that is not there yet: it is on disk when this returns.
-pub(super) fn write_new(path: &Path, bytes: &[u8], mode: u32) -> std::io::Result<()> {
+/// Writes a file that is not there yet, for this user and group where they are given: it is on disk when this returns.
+pub(super) fn write_new(
+    path: &Path,
+    bytes: &[u8],
+    mode: u32,
+    owner: Option<(u32, u32)>,
+) -> std::io::Result<()> {
     let mut file = std::fs::OpenOptions::new().write(true).create_new(true).mode(mode).open(path)?;
     file.set_permissions(std::fs::Permissions::from_mode(mode))?;
+    if let Some((user, group)) = owner {
+        std::os::unix::fs::fchown(&file, Some(user), Some(group))?;
+    }
     file.write_all(bytes)?;
     file.sync_all()
 }

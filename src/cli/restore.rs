@@ -2,11 +2,15 @@
 //! and before anything is written.
 
 use std::io::Read;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
 
-use super::backup::{Entry, FORM, LARGEST, MANIFEST, Manifest, PROFILE, STATE, is_below, write_new};
+use super::backup::{
+    Entry, FORM, LARGEST, MANIFEST, MODE, Manifest, PROFILE, PROFILE_MODE, SECRET_MODE, STATE, is_below,
+    write_new,
+};
 use super::run::known_directory;
 use crate::cli::say::say;
 use crate::gateway;
@@ -76,9 +80,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let kept = gateway::backup::put_back(&directory, machine, &kept).map_err(anyhow::Error::msg)?;
     planned.extend(kept.into_iter().map(|(name, bytes)| Planned {
         path: directory.join(name),
-        mode: 0o640,
+        mode: MODE,
         bytes,
     }));
+    std::fs::create_dir_all(&arguments.to)?;
+    make_directory(&directory)?;
     for file in &planned {
         put(file).with_context(|| format!("{} cannot be written", file.path.display()))?;
     }
@@ -154,7 +160,10 @@ fn check(manifest: &Manifest) -> anyhow::Result<()> {
             "{shown} in it would lie outside of the profile's and the state's directory"
         );
         ensure!(room != STATE || !name.contains('/'), "{shown} is no file of a state directory");
-        ensure!([0o600, 0o640].contains(mode), "{shown} in it has a mode that no backup gives");
+        ensure!(
+            [SECRET_MODE, MODE, PROFILE_MODE].contains(mode),
+            "{shown} in it has a mode that no backup gives"
+        );
         ensure!(known.insert(path), "{shown} is in it twice");
     }
     let profile = format!("{PROFILE}/{}", manifest.profile);
@@ -193,14 +202,16 @@ fn is_to_be_written(to: &Path, name: &str, bytes: &[u8], taken: Moment) -> anyho
     Ok(true)
 }
 
-/// Puts a file there as a whole.
+/// Puts a file there as a whole. It belongs to whom its directory does: root restores for others.
 fn put(file: &Planned) -> anyhow::Result<()> {
-    if let Some(directory) = file.path.parent().filter(|directory| !directory.as_os_str().is_empty()) {
-        make_directory(directory)?;
-    }
+    let directory = file.path.parent().filter(|directory| !directory.as_os_str().is_empty());
+    let directory = directory.unwrap_or(Path::new("."));
+    std::fs::create_dir_all(directory)?;
     let new = file.path.with_added_extension("restored");
     let _ = std::fs::remove_file(&new);
-    write_new(&new, &file.bytes, file.mode)?;
+    let owner = directory.metadata()?;
+    let owner = rustix::process::geteuid().is_root().then(|| (owner.uid(), owner.gid()));
+    write_new(&new, &file.bytes, file.mode, owner)?;
     Ok(std::fs::rename(&new, &file.path)?)
 }
 

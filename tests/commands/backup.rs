@@ -133,6 +133,61 @@ fn a_token_is_in_a_backup_only_with_secrets_and_then_nobody_else_may_read_it() {
     );
 }
 
+#[cfg(feature = "opcua")]
+#[test]
+fn passwords_and_keys_of_every_kind_of_line_are_secret_and_what_is_put_back_is_its_directory_s_owner_s() {
+    use std::os::unix::fs::MetadataExt;
+
+    let mut bench = named("sealed-lines");
+    stop(&mut bench);
+    let home = bench.home.path();
+    std::fs::create_dir(home.join("trusted")).unwrap();
+    std::fs::write(home.join("opcua.password"), "a password that nobody has\n").unwrap();
+    let line = |name: &str, user: &str| {
+        format!(
+            "[bus.{name}]\ntype = \"opcua\"\naddress = \"opc.tcp://127.0.0.1:1\"\nsecurity = \"sign-and-encrypt\"\n\
+             cert = \"own.der\"\nkey = \"own.pem\"\ntrusted = \"trusted\"\nuser = {{ {user} }}\n[device.{name}]\nbus = \"{name}\"\n\
+             [signal.{name}]\ndevice = \"{name}\"\nnode = \"ns=2;s=bed\"\nunit = \"degC\"\n"
+        )
+    };
+    let profile = |lines: &str| {
+        let text = std::fs::read_to_string(&bench.profile).unwrap();
+        std::fs::write(&bench.profile, text + lines).unwrap();
+    };
+    profile(&line("by-name", "name = \"isotherm\", password_file = \"opcua.password\""));
+    let (code, told) = said(isotherm(home).args(["opcua", "certificate"]).arg(&bench.profile));
+    assert_eq!(code, 0, "{told}");
+    for (from, to) in [("own.der", "user.der"), ("own.der", "trusted/server.der"), ("own.pem", "user.pem")] {
+        std::fs::copy(home.join(from), home.join(to)).unwrap();
+    }
+    profile(&line("by-certificate", "cert = \"user.der\", key = \"user.pem\""));
+
+    let without = backup(&bench, "without.tar", &[]);
+    let secret = ["opcua.password", "own.pem", "user.pem"];
+    let holds = |file: &Path, name: &str| {
+        let held = std::fs::read(home.join(name)).unwrap();
+        std::fs::read(file).unwrap().windows(held.len()).any(|part| part == held)
+    };
+    assert!(secret.iter().all(|name| !holds(&without, name)) && holds(&without, "trusted/server.der"));
+
+    let with = backup(&bench, "with.tar", &["--secrets"]);
+    assert!(secret.iter().all(|name| holds(&with, name)));
+    let elsewhere = home.join("elsewhere");
+    std::fs::create_dir(&elsewhere).unwrap();
+    // Root restores for somebody else; others for themselves.
+    let owner =
+        if rustix::process::geteuid().is_root() { 65534 } else { rustix::process::geteuid().as_raw() };
+    std::os::unix::fs::chown(&elsewhere, Some(owner), None).unwrap();
+    let (code, told) = restore(&bench, &with, &elsewhere, &elsewhere.join("state"));
+    assert_eq!(code, 0, "{told}");
+    let found = |name: &str| std::fs::metadata(elsewhere.join(name)).unwrap();
+    for name in secret {
+        assert_eq!((found(name).mode() & 0o777, found(name).uid()), (0o600, owner), "{name}");
+    }
+    let found = found(bench.profile.file_name().unwrap().to_str().unwrap());
+    assert_eq!((found.mode() & 0o777, found.uid()), (0o644, owner));
+}
+
 #[test]
 fn nothing_is_restored_through_a_link() {
     let mut bench = named("linked");

@@ -229,7 +229,7 @@ fn templates() -> String {
         .to_owned();
     for name in &names {
         let template = read(name);
-        let line = if on_modbus(&template) { "Modbus" } else { "CAN" };
+        let line = line(&template);
         let title = template["title"].as_str().unwrap();
         writeln!(text, "| [`{name}`](#{name}) | {} | {line} | {} |", cell(title), asks(&template)).unwrap();
     }
@@ -265,9 +265,18 @@ fn heading_comment(file: &str) -> String {
     }
 }
 
-fn on_modbus(template: &toml::Table) -> bool {
+fn line(template: &toml::Table) -> &'static str {
     let groups = ["channel", "target"].map(|key| template.get(key).and_then(toml::Value::as_table));
-    groups.into_iter().flatten().flat_map(toml::Table::values).any(|group| group.get("register").is_some())
+    let groups: Vec<_> = groups.into_iter().flatten().flat_map(toml::Table::values).collect();
+    let asks =
+        |group: &toml::Value| group.get("ask").is_some_and(|asks| asks.to_string().contains("\"node\""));
+    if groups.iter().any(|group| group.get("register").is_some()) {
+        "Modbus"
+    } else if groups.iter().any(|group| group.get("node").is_some() || asks(group)) {
+        "OPC UA"
+    } else {
+        "CAN"
+    }
 }
 
 /// What a template leaves to the profile.

@@ -88,6 +88,7 @@ fn made(line: &SecuredLine, cert: &Path, key: &Path, years: u32) -> anyhow::Resu
 /// Puts a new file there.
 pub(super) fn put(path: &Path, bytes: &[u8], mode: u32) -> anyhow::Result<()> {
     let directory = path.parent().filter(|directory| !directory.as_os_str().is_empty());
-    let done = directory.map_or(Ok(()), std::fs::create_dir_all).and_then(|()| write_new(path, bytes, mode));
+    let done =
+        directory.map_or(Ok(()), std::fs::create_dir_all).and_then(|()| write_new(path, bytes, mode, None));
     done.map_err(|error| anyhow::anyhow!("{} cannot be written: {}", path.display(), explain::system(&error)))
 }

@@ -125,6 +125,16 @@ impl OpcUa {
         ProfileError { message, help, ..self.type_at.clone() }
     }
 
+    /// What nobody else may have: its private keys, and its password.
+    pub fn secrets(&self) -> impl Iterator<Item = &NamedFile> {
+        let of_user = match &self.user {
+            User::Anonymous => None,
+            User::Named { password, .. } => Some(password),
+            User::Certified { key, .. } => Some(key),
+        };
+        self.own.iter().map(|(_, key)| key).chain(of_user)
+    }
+
     /// What protects the messages, who speaks, and who is trusted.
     pub(super) fn preview(&self) -> Section {
         let security = match self.security {
