@@ -1,5 +1,7 @@
 //! `isotherm check`: what a profile says, and what is wrong with it.
 
+use std::path::{Path, PathBuf};
+
 use super::certificate::Certificate;
 use super::run::known_directory;
 use super::{ProfileArguments, gauge, load_quietly, print_json, warned};
@@ -27,6 +29,9 @@ pub(super) struct Arguments {
     /// Ask the devices as well: reads every signal and every output register once, writes nothing
     #[arg(long)]
     online: bool,
+    /// The state directory that the gateway is started with, for what a template was in its last run
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
     /// One JSON document
     #[arg(long)]
     json: bool,
@@ -46,7 +51,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(more) = warnings.len().checked_sub(MOST_WARNINGS).filter(|more| *more > 0) {
         say_beside!("… and {more} more warnings of the lines");
     }
-    for warning in unlike_run(&profile) {
+    for warning in unlike_run(&profile, arguments.state.as_deref()) {
         say_beside!("warning: {warning}");
     }
     if !arguments.online {
@@ -134,8 +139,8 @@ fn judge(nodes: &[opcua::Inspected]) -> anyhow::Result<()> {
 }
 
 /// What keeps this profile from being run on this computer as it is.
-fn unlike_run(profile: &Profile) -> Vec<String> {
-    let directory = known_directory(profile.history.directory.as_deref());
+fn unlike_run(profile: &Profile, state: Option<&Path>) -> Vec<String> {
+    let directory = known_directory(state.or(profile.history.directory.as_deref()));
     let changed = templates::changed(&directory, profile).into_iter();
     let changed = changed.map(|(name, changes)| {
         format!("template {name} is not as it was in the last run of this machine: {changes}")

@@ -95,7 +95,8 @@ fn what_changed_in_a_template_since_the_last_run_is_told_once_and_by_check() {
     let check = isotherm(bench.home.path())
         .arg("check")
         .arg(&bench.profile)
-        .env("STATE_DIRECTORY", &state)
+        .arg("--state")
+        .arg(&state)
         .output()
         .unwrap();
     let said = String::from_utf8(check.stderr).unwrap();
