@@ -10,6 +10,8 @@ mod gateway;
 mod grinder;
 #[path = "opcua/held.rs"]
 mod held;
+#[path = "opcua/hostile.rs"]
+mod hostile;
 #[path = "opcua/nodes.rs"]
 mod nodes;
 mod process;

@@ -40,6 +40,8 @@ use wire::OpcUa;
 pub mod browse;
 pub mod certificate;
 mod channel;
+mod chunks;
+mod contained;
 mod endpoint;
 mod files;
 pub mod offer;

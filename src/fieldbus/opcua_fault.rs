@@ -34,6 +34,11 @@ pub enum OpcUaFault {
     /// What it sends in proof of its certificate is none.
     #[error("the server does not prove that its certificate is its own: is something between?")]
     NotProven,
+    /// Under its signature it offers more than before the login.
+    #[error(
+        "the server offers stronger security than whoever answered before the login said: is something between?"
+    )]
+    Weakened,
     /// The gateway's certificate is too old.
     #[error(
         "the gateway's certificate in `cert` has expired: move it and its key away, make a new one (`isotherm opcua \

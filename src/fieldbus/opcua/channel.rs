@@ -18,6 +18,9 @@ use tokio::io::{ReadHalf, WriteHalf};
 use tokio::net::TcpStream;
 use tokio_util::codec::FramedRead;
 
+use super::chunks::Chunks;
+use super::contained::contained;
+
 /// How long the keys of a channel are asked for, milliseconds. They are renewed before a request where three quarters are over.
 const LIFETIME: u32 = 600_000;
 /// The largest chunk and message of this end; a read of a thousand nodes is far below.
@@ -25,7 +28,10 @@ const CHUNK: usize = 65_535;
 const MESSAGE: usize = 4_000_000;
 const CHUNKS: usize = 100;
 
-type Transport = StreamTransport<ReadHalf<TcpStream>, WriteHalf<TcpStream>>;
+/// As many elements as a message of this size can well have: a list takes far more room in memory than on the wire.
+const ELEMENTS: usize = 65_535;
+
+type Transport = StreamTransport<Chunks<ReadHalf<TcpStream>>, WriteHalf<TcpStream>>;
 
 /// A channel to this endpoint; not open yet.
 pub(super) fn secured(endpoint: &EndpointDescription) -> AsyncSecureChannel {
@@ -38,7 +44,15 @@ pub(super) fn secured(endpoint: &EndpointDescription) -> AsyncSecureChannel {
         max_message_size: MESSAGE,
         max_chunk_count: CHUNKS,
     };
-    let context = ContextOwned::new_default(NamespaceMap::new(), DecodingOptions::default());
+    let limits = DecodingOptions {
+        max_message_size: MESSAGE,
+        max_chunk_count: CHUNKS,
+        max_string_length: MESSAGE,
+        max_byte_string_length: MESSAGE,
+        max_array_length: ELEMENTS,
+        ..DecodingOptions::default()
+    };
+    let context = ContextOwned::new_default(NamespaceMap::new(), limits);
     let never = SessionRetryPolicy::never();
     let context = Arc::new(RwLock::new(context));
     // The server's clock need not be ours.
@@ -89,7 +103,7 @@ impl Connector for Socket {
             let stream = self.take();
             async move {
                 let (reader, writer) = tokio::io::split(stream?);
-                let reader = FramedRead::new(reader, TcpCodec::new(options));
+                let reader = FramedRead::new(Chunks::new(reader, CHUNK), TcpCodec::new(options));
                 Ok(StreamConnection::new(reader, writer, url))
             }
         };
@@ -106,14 +120,21 @@ pub(super) struct Link {
     pub(super) channel: Arc<AsyncSecureChannel>,
     events: SecureChannelEventLoop<Transport>,
     state: Arc<SecureChannelState>,
+    /// The library has panicked in it.
+    is_broken: bool,
+}
+
+fn not_understood() -> Error {
+    Error::new(StatusCode::BadDecodingError, "the library has panicked")
 }
 
 impl Link {
     pub(super) async fn open(channel: Arc<AsyncSecureChannel>, socket: &Socket) -> Result<Link, Error> {
-        let events = channel.connect_no_retry(socket).await?;
+        let opened = contained(channel.connect_no_retry(socket)).await;
+        let events = opened.unwrap_or_else(|| Err(not_understood()))?;
         let state = socket.state();
         let state = state.ok_or_else(|| Error::new(StatusCode::BadNotConnected, "no channel"))?;
-        Ok(Link { channel, events, state })
+        Ok(Link { channel, events, state, is_broken: false })
     }
 
     /// Waits for what was asked, and serves the socket meanwhile.
@@ -121,6 +142,15 @@ impl Link {
         &mut self,
         answer: impl Future<Output = Result<T, Error>>,
     ) -> Result<T, Error> {
+        if self.is_broken {
+            return Err(Error::new(StatusCode::BadConnectionClosed, "broken"));
+        }
+        let asked = contained(self.asked(answer)).await;
+        self.is_broken = asked.is_none();
+        asked.unwrap_or_else(|| Err(not_understood()))
+    }
+
+    async fn asked<T>(&mut self, answer: impl Future<Output = Result<T, Error>>) -> Result<T, Error> {
         let mut answer = pin!(answer);
         loop {
             tokio::select! {
@@ -138,6 +168,12 @@ impl Link {
 
     /// Whether the other end has closed it while nothing was under way. What it has sent meanwhile answers nobody.
     pub(super) async fn is_closed(&mut self) -> bool {
+        let looked = if self.is_broken { None } else { contained(self.has_ended()).await };
+        self.is_broken = looked.is_none();
+        looked.unwrap_or(true)
+    }
+
+    async fn has_ended(&mut self) -> bool {
         loop {
             tokio::select! {
                 biased;

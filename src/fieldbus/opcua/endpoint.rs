@@ -2,7 +2,7 @@
 
 use ::opcua::client::IdentityToken;
 use ::opcua::crypto::SecurityPolicy;
-use ::opcua::types::{EndpointDescription, MessageSecurityMode};
+use ::opcua::types::{EndpointDescription, MessageSecurityMode, UserTokenPolicy, UserTokenType};
 use isotherm_profile::Security;
 
 use super::user_kind;
@@ -11,19 +11,67 @@ use super::user_kind;
 const POLICIES: [SecurityPolicy; 3] =
     [SecurityPolicy::Aes256Sha256RsaPss, SecurityPolicy::Aes128Sha256RsaOaep, SecurityPolicy::Basic256Sha256];
 
-/// The endpoint with this security that lets this kind of user in. Signing alone is never taken where encryption is wanted.
+/// The endpoint with this security that lets this kind of user in, and of its ways to do so the strongest alone. Signing alone is never
+/// taken where encryption is wanted.
 pub(super) fn choose(
     endpoints: Vec<EndpointDescription>,
     security: Security,
     user: &IdentityToken,
 ) -> Option<EndpointDescription> {
-    let fitting = endpoints.into_iter().filter(|endpoint| {
-        security_of(endpoint) == Some(security)
-            && is_binary(endpoint)
-            && endpoint.find_policy(user_kind(user)).is_some()
+    let fitting = endpoints
+        .into_iter()
+        .filter(|endpoint| security_of(endpoint) == Some(security) && is_binary(endpoint));
+    let ranked = fitting.filter_map(|endpoint| {
+        let (hidden, token) = token(&endpoint, user)?;
+        let rank = (rank(&endpoint)?, hidden);
+        Some((rank, EndpointDescription { user_identity_tokens: Some(vec![token]), ..endpoint }))
     });
-    let ranked = fitting.filter_map(|endpoint| Some((rank(&endpoint)?, endpoint)));
     ranked.min_by_key(|(rank, _)| *rank).map(|(_, endpoint)| endpoint)
+}
+
+/// How this user is let in, and its place among such ways, the strongest first. A policy that is left out is the endpoint's (OPC UA
+/// Part 4, UserTokenPolicy); the library would take it for none.
+fn token(endpoint: &EndpointDescription, user: &IdentityToken) -> Option<(usize, UserTokenPolicy)> {
+    let kind = user_kind(user);
+    let offered = endpoint.user_identity_tokens.iter().flatten().filter(|token| token.token_type == kind);
+    let ranked = offered.filter_map(|token| {
+        let own = &token.security_policy_uri;
+        let uri = if own.is_empty() { &endpoint.security_policy_uri } else { own };
+        let policy = SecurityPolicy::from_uri(uri.as_ref());
+        let strength = match kind {
+            UserTokenType::Anonymous => 0,
+            // In clear only where the channel hides it, or the profile wants nothing hidden.
+            UserTokenType::UserName
+                if policy == SecurityPolicy::None && security_of(endpoint) != Some(Security::Sign) =>
+            {
+                POLICIES.len()
+            }
+            // What is secret is hidden by the server's certificate.
+            _ if endpoint.server_certificate.as_ref().is_empty() => return None,
+            _ => POLICIES.iter().position(|known| *known == policy)?,
+        };
+        Some((strength, UserTokenPolicy { security_policy_uri: uri.clone(), ..token.clone() }))
+    });
+    ranked.min_by_key(|(strength, _)| *strength)
+}
+
+/// Whether the same would be chosen of what the server says under its signature: what it offers is asked for before, unprotected,
+/// and whoever stands between can leave out what is stronger. A server that says nothing again is believed.
+pub(super) fn is_confirmed(
+    chosen: &EndpointDescription,
+    signed: Vec<EndpointDescription>,
+    security: Security,
+    user: &IdentityToken,
+) -> bool {
+    let signed = signed.into_iter().map(|endpoint| EndpointDescription {
+        server_certificate: chosen.server_certificate.clone(),
+        ..endpoint
+    });
+    let way = |endpoint: &EndpointDescription| {
+        let token = endpoint.user_identity_tokens.iter().flatten().next();
+        (endpoint.security_policy_uri.clone(), token.map(|token| token.security_policy_uri.clone()))
+    };
+    choose(signed.collect(), security, user).is_none_or(|again| way(&again) == way(chosen))
 }
 
 /// The gateway can speak as this endpoint wants it.
@@ -58,7 +106,6 @@ fn is_binary(endpoint: &EndpointDescription) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ::opcua::types::{UserTokenPolicy, UserTokenType};
 
     fn endpoint(
         mode: MessageSecurityMode,
@@ -69,6 +116,7 @@ mod tests {
         EndpointDescription {
             security_mode: mode,
             security_policy_uri: policy.to_uri().into(),
+            server_certificate: vec![1, 2, 3].into(),
             user_identity_tokens: Some(policies.collect()),
             ..Default::default()
         }
@@ -103,5 +151,54 @@ mod tests {
         assert_eq!(chosen(Security::Sign, &nobody), Some((Sign, SecurityPolicy::Aes256Sha256RsaPss)));
         assert_eq!(chosen(Security::None, &nobody), Some((MessageSecurityMode::None, SecurityPolicy::None)));
         assert_eq!(chosen(Security::Sign, &somebody), None);
+    }
+
+    /// Encrypted by the strongest, with these ways for somebody with a password.
+    fn with_password(mode: MessageSecurityMode, tokens: &[&str]) -> EndpointDescription {
+        let policy = if mode == MessageSecurityMode::None { SecurityPolicy::None } else { POLICIES[0] };
+        let ways = tokens.iter().map(|uri| UserTokenPolicy {
+            token_type: UserTokenType::UserName,
+            security_policy_uri: (*uri).into(),
+            ..Default::default()
+        });
+        EndpointDescription { user_identity_tokens: Some(ways.collect()), ..endpoint(mode, policy, &[]) }
+    }
+
+    #[test]
+    fn a_password_goes_by_the_strongest_way_there_is_and_in_clear_only_where_that_is_wanted_or_hidden() {
+        use MessageSecurityMode::{None as Plain, Sign, SignAndEncrypt};
+        let somebody = IdentityToken::new_user_name("isotherm", "secret");
+        let [best, middle, last] = POLICIES.map(|policy| policy.to_uri());
+        let (clear, broken) = (SecurityPolicy::None.to_uri(), SecurityPolicy::Basic128Rsa15.to_uri());
+        let way = |mode, tokens: &[&str]| {
+            let offered = with_password(mode, tokens);
+            let security = security_of(&offered)?;
+            let chosen = choose(vec![offered], security, &somebody)?.user_identity_tokens?;
+            Some(chosen.first()?.security_policy_uri.to_string())
+        };
+        let is = |uri: &str| Some(uri.to_owned());
+        assert_eq!(way(SignAndEncrypt, &[clear, last, "urn:of-tomorrow", middle, broken]), is(middle));
+        assert_eq!(way(SignAndEncrypt, &[""]), is(best), "left out is the endpoint's");
+        assert_eq!(way(SignAndEncrypt, &[clear]), is(clear), "the channel hides it");
+        assert_eq!(way(SignAndEncrypt, &[broken]), None);
+        assert_eq!(way(Sign, &[clear]), None, "nothing would hide it");
+        assert_eq!(way(Sign, &[broken]), None);
+        assert_eq!(way(Plain, &[""]), is(clear), "as the profile wants it");
+        assert_eq!(way(Plain, &[clear, last]), is(last));
+        let bare =
+            EndpointDescription { server_certificate: Default::default(), ..with_password(Plain, &[last]) };
+        assert!(choose(vec![bare], Security::None, &somebody).is_none(), "by which certificate?");
+    }
+
+    #[test]
+    fn what_somebody_between_has_left_out_of_an_offer_is_noticed() {
+        use MessageSecurityMode::Sign;
+        let somebody = IdentityToken::new_user_name("isotherm", "secret");
+        let [best, _, last] = POLICIES.map(|policy| policy.to_uri());
+        let chosen = choose(vec![with_password(Sign, &[last])], Security::Sign, &somebody).unwrap();
+        let is_confirmed = |signed| is_confirmed(&chosen, signed, Security::Sign, &somebody);
+        assert!(is_confirmed(vec![with_password(Sign, &[last])]));
+        assert!(is_confirmed(Vec::new()), "it says nothing");
+        assert!(!is_confirmed(vec![with_password(Sign, &[last, best])]));
     }
 }

@@ -14,6 +14,7 @@ use ::opcua::types::{
 };
 
 use super::channel::{Link, patience};
+use super::endpoint::{is_confirmed, security_of};
 use super::status::{call_fault, dial_fault};
 use super::{OPENING, fault};
 use crate::fieldbus::error::Fault;
@@ -141,7 +142,7 @@ impl Session {
         own: Option<&(X509, PrivateKey)>,
         user: &IdentityToken,
     ) -> Result<(), Fault> {
-        let held = self.create(link, endpoint, own).await?;
+        let held = self.create(link, endpoint, own, user).await?;
         self.activate(link, endpoint, own, user, held).await.map_err(|error| dial_fault(&error))
     }
 
@@ -150,6 +151,7 @@ impl Session {
         link: &mut Link,
         endpoint: &EndpointDescription,
         own: Option<&(X509, PrivateKey)>,
+        user: &IdentityToken,
     ) -> Result<Held, Fault> {
         let channel = link.channel.clone();
         let nonce = random::byte_string(NONCE);
@@ -185,6 +187,10 @@ impl Session {
             let policy = SecurityPolicy::from_uri(endpoint.security_policy_uri.as_ref());
             verify_signature_data(&made.server_signature, policy, &server, cert, nonce.as_ref())
                 .map_err(not_proven)?;
+            let signed = made.server_endpoints.clone().unwrap_or_default();
+            if security_of(endpoint).is_none_or(|security| !is_confirmed(endpoint, signed, security, user)) {
+                return Err(fault(OpcUaFault::Weakened));
+            }
         }
         Ok(Held {
             token: made.authentication_token.clone(),

@@ -30,9 +30,23 @@ pub(super) fn dial_fault(error: &Error) -> Fault {
         StatusCode::BadSecurityModeRejected | StatusCode::BadSecurityPolicyRejected => Why::NoEndpoint,
         StatusCode::BadInvalidTimestamp => Why::Clock,
         StatusCode::BadApplicationSignatureInvalid => Why::NotProven,
+        _ if is_not_understood(error) => return Fault::Peer(PeerFault::Malformed),
         status => Why::Refused(Status(status.bits())),
     };
     Fault::Link(LinkFault::OpcUa(why))
+}
+
+/// What came is none of the protocol.
+fn is_not_understood(error: &Error) -> bool {
+    matches!(
+        error.status(),
+        StatusCode::BadDecodingError
+            | StatusCode::BadUnknownResponse
+            | StatusCode::BadSequenceNumberInvalid
+            | StatusCode::BadTcpMessageTypeInvalid
+            | StatusCode::BadResponseTooLarge
+            | StatusCode::BadEncodingLimitsExceeded
+    )
 }
 
 /// The session is over, or its channel.
@@ -55,12 +69,9 @@ pub(super) fn call_fault(error: &Error) -> Fault {
         | StatusCode::BadServerHalted
         | StatusCode::BadShutdown => Fault::BROKEN,
         StatusCode::BadTimeout => Fault::Timeout,
-        StatusCode::BadDecodingError
-        | StatusCode::BadUnknownResponse
-        | StatusCode::BadSequenceNumberInvalid
-        | StatusCode::BadTcpMessageTypeInvalid
-        | StatusCode::BadResponseTooLarge
-        | StatusCode::BadEncodingLimitsExceeded => Fault::Peer(PeerFault::Malformed),
+        _ if is_not_understood(error) => Fault::Peer(PeerFault::Malformed),
+        // In a session the certificates were taken: it is this message that was changed.
+        StatusCode::BadSecurityChecksFailed => Fault::Peer(PeerFault::Malformed),
         status => Fault::Status(Status(status.bits())),
     }
 }
