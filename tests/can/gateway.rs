@@ -249,8 +249,8 @@ fn answers_to_another_question_are_not_taken_and_a_refusal_is_reported_in_words(
         let status = wait_until(source, "it is refused", |status| signal(status, "serial").value.is_none());
         assert_eq!(signal(&status, "serial").quality, "refused");
         // The node is there, and its process data comes.
+        let status = wait_until(source, "the axis follows", is_active);
         assert_eq!(count(&status, "device-lost"), 0, "{:#?}", events(&status));
-        assert!(is_active(&status));
     });
     let state = State { refuses: Some(((0x1800, 5), 0x0609_0030)), ..module() };
     Cell::new("refused", state).run(|cell, source| {
