@@ -45,7 +45,28 @@ pub(crate) struct Outcome {
 }
 
 pub(crate) fn profile() -> Profile {
-    let text = include_str!("profile.toml");
+    parsed(include_str!("profile.toml"))
+}
+
+/// The same machine, whose thermometers and whose control are servers of OPC UA.
+pub(crate) fn profile_of_nodes() -> Profile {
+    let mut text = include_str!("profile.toml").to_owned();
+    for line in ["sensors", "cnc"] {
+        let modbus = format!("type = \"modbus-tcp\"\naddress = \"{line}:502\"");
+        let opcua = format!("type = \"opcua\"\nsecurity = \"none\"\naddress = \"opc.tcp://{line}:4840\"");
+        text = text
+            .replace(&modbus, &opcua)
+            .replace(&format!("bus = \"{line}\"\nunit = 1"), &format!("bus = \"{line}\""));
+    }
+    let inputs = "device = \"thermocouples\"\n";
+    text = text.replace(&format!("{inputs}register = \""), &format!("{inputs}node = \"ns=1;s="));
+    for register in ["holding:10", "holding:20"] {
+        text = text.replace(&format!("register = \"{register}\""), &format!("node = \"ns=1;s={register}\""));
+    }
+    parsed(&text.replace("register = \"holding:50\"", "node = \"ns=1;s=holding:50\"\ntype = \"i16\""))
+}
+
+fn parsed(text: &str) -> Profile {
     let parsed = parse(Path::new("simulation.toml"), text, &[], &[]);
     parsed.unwrap_or_else(|errors| panic!("{errors}")).profile
 }
@@ -159,7 +180,8 @@ impl<'a> Day<'a> {
         let shared = self.shared.clone();
         let dialer = move |bus: &isotherm_profile::Bus| {
             let line = LINES.iter().position(|name| *name == bus.name)?;
-            Some(Box::new(SimulatedDial { shared: shared.clone(), line }) as Box<dyn Dial>)
+            let has_nodes = bus.opcua.is_some();
+            Some(Box::new(SimulatedDial { shared: shared.clone(), line, has_nodes }) as Box<dyn Dial>)
         };
         let options = Options {
             directory: Some(PathBuf::from("/state")),

@@ -11,6 +11,7 @@ mod laws;
 mod link;
 mod machine;
 mod many;
+mod nodes;
 mod people;
 mod script;
 mod stream;
@@ -40,22 +41,30 @@ fn a_seed_repeats_its_day_bit_for_bit() {
 
 #[test]
 fn every_seed_whose_defect_is_mended_holds_the_laws() {
-    let many = Many::run(&MENDED, DAY, 2, false);
+    let many = Many::run(&day::profile(), &MENDED, DAY, 2, false);
     assert_eq!(many.broken, [], "{many}");
 }
 
 #[test]
 fn the_first_fifty_seeds_hold_the_laws() {
     let seeds: Vec<u64> = (1..=50).collect();
-    let many = Many::run(&seeds, DAY, 2, false);
+    let many = Many::run(&day::profile(), &seeds, DAY, 2, false);
     assert_eq!(many.broken, [], "{many}");
     assert!(many.counts.faults > 10_000 && many.changes > 100_000, "{many}");
+}
+
+#[test]
+fn sensors_and_control_that_are_servers_of_nodes_hold_the_same_laws() {
+    let seeds: Vec<u64> = (1..=6).chain(MENDED).collect();
+    let many = Many::run(&day::profile_of_nodes(), &seeds, DAY, 2, false);
+    assert_eq!(many.broken, [], "{many}");
+    assert!(many.counts.faults > 2000 && many.changes > 20_000, "{many}");
 }
 
 /// An answer as old as itself, and none too late: changes go out on readings that are too old.
 #[test]
 fn without_the_age_that_begins_with_the_question_the_simulation_finds_old_readings() {
     let seeds: Vec<u64> = (1..=40).collect();
-    let many = Many::run(&seeds, DAY, 2, true);
+    let many = Many::run(&day::profile(), &seeds, DAY, 2, true);
     assert!(many.broken.iter().any(|(_, story)| story.contains("R3")), "{many}");
 }

@@ -6,6 +6,8 @@ use std::sync::{Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
+use isotherm_profile::Profile;
+
 use crate::day::{self, Outcome};
 use crate::link::Counts;
 use crate::time::Stopwatch;
@@ -25,11 +27,16 @@ pub(crate) struct Many {
 
 impl Many {
     /// Runs these seeds, each for `span`. Without a rule it ends with the first that breaks a law.
-    pub(crate) fn run(seeds: &[u64], span: Duration, threads: usize, is_credulous: bool) -> Many {
+    pub(crate) fn run(
+        profile: &Profile,
+        seeds: &[u64],
+        span: Duration,
+        threads: usize,
+        is_credulous: bool,
+    ) -> Many {
         let (next, is_over) = (AtomicUsize::new(0), AtomicBool::new(false));
         let sum = Mutex::new(Many::default());
         let watch = Stopwatch::begin();
-        let profile = day::profile();
         thread::scope(|scope| {
             for _ in 0..threads {
                 scope.spawn(|| {
@@ -37,7 +44,7 @@ impl Many {
                         if is_over.load(Ordering::Relaxed) {
                             break;
                         }
-                        let outcome = day::run(&profile, *seed, span, is_credulous);
+                        let outcome = day::run(profile, *seed, span, is_credulous);
                         is_over.fetch_or(is_credulous && outcome.breach.is_some(), Ordering::Relaxed);
                         sum.lock().unwrap_or_else(PoisonError::into_inner).add(*seed, outcome);
                     }

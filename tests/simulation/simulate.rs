@@ -8,6 +8,7 @@ mod laws;
 mod link;
 mod machine;
 mod many;
+mod nodes;
 mod people;
 mod script;
 mod stream;
@@ -32,6 +33,9 @@ struct Arguments {
     /// Seeds at the same time.
     #[arg(long, default_value_t = 1)]
     threads: usize,
+    /// Sensors and control are servers of OPC UA.
+    #[arg(long)]
+    nodes: bool,
 }
 
 fn seeds(text: &str) -> Result<(u64, u64), String> {
@@ -47,9 +51,10 @@ fn seeds(text: &str) -> Result<(u64, u64), String> {
 }
 
 fn main() -> ExitCode {
-    let Arguments { seeds: (first, last), span, threads } = Arguments::parse();
+    let Arguments { seeds: (first, last), span, threads, nodes } = Arguments::parse();
+    let profile = if nodes { day::profile_of_nodes() } else { day::profile() };
     let seeds: Vec<u64> = (first..=last).collect();
-    let many = Many::run(&seeds, span, threads, false);
+    let many = Many::run(&profile, &seeds, span, threads, false);
     println!("{many}");
     if many.broken.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }

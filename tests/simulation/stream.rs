@@ -16,6 +16,7 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::Sleep;
 
 use crate::link::{Heard, World};
+use crate::nodes::Nodes;
 
 /// The world, as everybody shares it.
 #[derive(Clone)]
@@ -31,6 +32,8 @@ impl Shared {
 pub(crate) struct SimulatedDial {
     pub(crate) shared: Shared,
     pub(crate) line: usize,
+    /// The device is a server of OPC UA.
+    pub(crate) has_nodes: bool,
 }
 
 impl Dial for SimulatedDial {
@@ -38,7 +41,10 @@ impl Dial for SimulatedDial {
         let number = self.shared.world().dial(self.line);
         let stream =
             number.map(|number| Stream { shared: self.shared.clone(), line: self.line, number, timer: None });
-        let connection = stream.map(|stream| Connection::Modbus(ModbusTcp::new(stream, tap)));
+        let connection = stream.map(|stream| match (ModbusTcp::new(stream, tap), self.has_nodes) {
+            (below, true) => Connection::Other(Box::new(Nodes(below))),
+            (below, false) => Connection::Modbus(below),
+        });
         Box::pin(std::future::ready(connection.ok_or(Fault::Link(LinkFault::Refused))))
     }
 }
