@@ -1,5 +1,6 @@
-//! The border to the code of others: a reader of a file format that nobody here has written may panic at a file that its
-//! authors did not think of. That is the file's fault: it ends here, in a sentence, and nothing is printed beside it.
+//! The border to the code of others: a reader of a file format that nobody here has written, or a library that speaks with a peer, may
+//! panic at what its authors did not think of. That is the file's or the peer's fault: it ends here, in a sentence, and nothing is printed
+//! beside it.
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};

@@ -131,7 +131,7 @@ fn not_understood() -> Error {
 impl Link {
     pub(super) async fn open(channel: Arc<AsyncSecureChannel>, socket: &Socket) -> Result<Link, Error> {
         let opened = contained(channel.connect_no_retry(socket)).await;
-        let events = opened.unwrap_or_else(|| Err(not_understood()))?;
+        let events = opened.unwrap_or_else(|_| Err(not_understood()))?;
         let state = socket.state();
         let state = state.ok_or_else(|| Error::new(StatusCode::BadNotConnected, "no channel"))?;
         Ok(Link { channel, events, state, is_broken: false })
@@ -146,8 +146,8 @@ impl Link {
             return Err(Error::new(StatusCode::BadConnectionClosed, "broken"));
         }
         let asked = contained(self.asked(answer)).await;
-        self.is_broken = asked.is_none();
-        asked.unwrap_or_else(|| Err(not_understood()))
+        self.is_broken = asked.is_err();
+        asked.unwrap_or_else(|_| Err(not_understood()))
     }
 
     async fn asked<T>(&mut self, answer: impl Future<Output = Result<T, Error>>) -> Result<T, Error> {
@@ -168,8 +168,11 @@ impl Link {
 
     /// Whether the other end has closed it while nothing was under way. What it has sent meanwhile answers nobody.
     pub(super) async fn is_closed(&mut self) -> bool {
-        let looked = if self.is_broken { None } else { contained(self.has_ended()).await };
-        self.is_broken = looked.is_none();
+        if self.is_broken {
+            return true;
+        }
+        let looked = contained(self.has_ended()).await;
+        self.is_broken = looked.is_err();
         looked.unwrap_or(true)
     }
 

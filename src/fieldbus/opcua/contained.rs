@@ -1,38 +1,21 @@
 //! The library panics at some of what a peer may send. That is a fault of this line, and no end of the gateway.
 
-use std::cell::Cell;
 use std::future::Future;
-use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::pin::pin;
-use std::sync::Once;
 use std::task::Poll;
 
-thread_local! {
-    /// The library has its turn: what it says of a panic is left out, as all that it says.
-    static ITS_TURN: Cell<bool> = const { Cell::new(false) };
-}
+use isotherm_core::border::{Panicked, beyond};
 
-/// What comes of this work of the library's; `None` where it panicked. What it worked with must not be used again.
-pub(super) async fn contained<T>(work: impl Future<Output = T>) -> Option<T> {
-    static HOOK: Once = Once::new();
-    HOOK.call_once(|| {
-        let known = take_hook();
-        set_hook(Box::new(move |panic| {
-            if !ITS_TURN.get() {
-                known(panic);
-            }
-        }));
-    });
+/// Work of the library's.
+///
+/// # Errors
+/// It panicked. What it worked with must not be used again.
+pub(super) async fn contained<T>(work: impl Future<Output = T>) -> Result<T, Panicked> {
     let mut work = pin!(work);
-    std::future::poll_fn(|context| {
-        ITS_TURN.set(true);
-        let polled = catch_unwind(AssertUnwindSafe(|| work.as_mut().poll(context)));
-        ITS_TURN.set(false);
-        match polled {
-            Ok(Poll::Pending) => Poll::Pending,
-            Ok(Poll::Ready(done)) => Poll::Ready(Some(done)),
-            Err(_) => Poll::Ready(None),
-        }
+    std::future::poll_fn(|context| match beyond(|| work.as_mut().poll(context)) {
+        Ok(Poll::Pending) => Poll::Pending,
+        Ok(Poll::Ready(done)) => Poll::Ready(Ok(done)),
+        Err(panicked) => Poll::Ready(Err(panicked)),
     })
     .await
 }
@@ -42,13 +25,12 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn what_panics_comes_to_nothing_and_what_does_not_to_what_it_comes_to() {
-        assert_eq!(contained(async { 7 }).await, Some(7));
+    async fn what_panics_between_two_waits_is_an_error_and_what_does_not_is_done() {
+        assert_eq!(contained(async { 7 }).await, Ok(7));
         let fails = async {
             tokio::task::yield_now().await;
-            let empty: &[u8] = &[];
-            empty[std::hint::black_box(3)]
+            panic!("a length below zero")
         };
-        assert_eq!(contained(fails).await, None);
+        assert_eq!(contained::<()>(fails).await, Err(Panicked));
     }
 }
