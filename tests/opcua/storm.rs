@@ -180,12 +180,15 @@ impl Judge {
         }
     }
 
-    /// The heartbeat goes on in every state, one by one; one that did not arrive is not made up for.
+    /// The heartbeat goes on in every state, one by one. One whose answer was lost is sent again, and not made up for.
     fn beats(&mut self, line: &str, at: f64, beat: f64) {
+        let before = self.beats.replace(beat);
+        if before == Some(beat) {
+            return;
+        }
         if self.beat.comes(at, self.excused) {
             self.wrong.push(format!("the heartbeat stood still: {line}"));
         }
-        let before = self.beats.replace(beat);
         if before.is_some_and(|before| !(1.0..=1.0 + RESUMED / 0.5).contains(&(beat - before))) {
             self.wrong.push(format!("no beat after {before:?}: {line}"));
         }
@@ -231,7 +234,11 @@ fn the_judge_notices_what_breaks_a_rule() {
     assert_eq!(wrong(&["0 start", "20 read offset", "24 read offset"]), 1, "looked at too seldom");
     assert_eq!(wrong(&["0 start", "20 read offset", "21 drop", "38 read offset"]), 0, "the session was lost");
     assert_eq!(wrong(&["0 start", "20 write life 0 4", "21 write life 4 6"]), 0, "one did not arrive");
-    assert_eq!(wrong(&["0 start", "20 write life 0 4", "21 write life 4 4"]), 1, "the same beat");
+    assert_eq!(wrong(&["0 start", "20 write life 0 4", "21 write life 4 3"]), 1, "an older beat");
+    let again = ["0 start", "20 write life 0 4", "20.5 write life 4 4", "21 write life 4 5"];
+    assert_eq!(wrong(&again), 0, "its answer was lost");
+    let stands = ["0 start", "20 write life 0 4", "22 write life 4 4", "24 write life 4 5"];
+    assert_eq!(wrong(&stands), 1, "always the same");
     assert_eq!(wrong(&["0 start", "20 write life 0 4", "24 write life 4 5"]), 1, "it stood still");
 }
 
