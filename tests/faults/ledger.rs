@@ -10,6 +10,7 @@ use std::time::Duration;
 use isotherm::gateway::{Disk, Files};
 use isotherm::observe::status::Command;
 use isotherm_core::quantity::Moment;
+use rustix::fs::{CWD, RenameFlags};
 
 use crate::law;
 use crate::rig::{BENCH, Trace, World, block_on};
@@ -277,18 +278,16 @@ fn a_disk_that_fails_later_stops_the_writing_and_the_axis_says_so_until_it_works
         let mut world = World::new(&joint(), &at_start()).await;
         let state = Some(place.clone());
         let away = directory.path().join("away");
+        fs::write(&away, "not a directory").unwrap();
         let (here, there) = (place.clone(), away.clone());
+        // At once: whoever keeps the ledger makes a directory that is not there.
+        let change_places = move || {
+            rustix::fs::renameat_with(CWD, &here, CWD, &there, RenameFlags::EXCHANGE).unwrap();
+        };
         let trial = world.gateway().options(|options| options.directory = state);
-        let trial = trial.command(CONFIRMED, Command::Arm).at(9 * SECOND, move |_| {
-            fs::rename(&here, &there).unwrap();
-            fs::write(&here, "not a directory").unwrap();
-        });
-        let here = place.clone();
-        let trial = trial.at(MINUTE, move |_| {
-            fs::remove_file(&here).unwrap();
-            fs::rename(&away, &here).unwrap();
-        });
-        trial.run(3 * MINUTE).await
+        let back = change_places.clone();
+        let trial = trial.command(CONFIRMED, Command::Arm).at(9 * SECOND, move |_| change_places());
+        trial.at(MINUTE, move |_| back()).run(3 * MINUTE).await
     });
     law::holds(&trace);
     assert_eq!(writes(&trace, 12, 59), [0.0; 0], "{}", trace.lines());
