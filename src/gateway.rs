@@ -25,6 +25,7 @@ use isotherm_profile::{AxisId, Bus, BusId, OnStop, Output, Profile};
 
 mod arming;
 pub mod backup;
+mod blamed;
 mod board;
 mod can;
 #[cfg(feature = "opcua")]

@@ -150,7 +150,8 @@ fn how(answer: &Result<Answer, Fault>) -> Option<How> {
             | Fault::Caller(_)
             | Fault::Aborted(_)
             | Fault::Status(_)
-            | Fault::Part { .. },
+            | Fault::Part { .. }
+            | Fault::Unreadable { .. },
         ) => None,
     }
 }

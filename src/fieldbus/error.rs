@@ -35,6 +35,14 @@ pub enum Fault {
         /// Which of them that is, counted from 1.
         place: u16,
     },
+    /// Of the nodes that are read together this one cannot be believed.
+    #[error("node {place} of those that are read together: {fault}", fault = Fault::of_a_node(*.reason))]
+    Unreadable {
+        /// Why not.
+        reason: Reason,
+        /// Which of them that is, counted from 1.
+        place: u16,
+    },
     /// No answer in time.
     #[error("no answer in time")]
     Timeout,
@@ -258,6 +266,7 @@ impl Fault {
             Fault::Link(_) => "link",
             Fault::Peer(_) => "peer",
             Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_) | Fault::Part { .. } => "exception",
+            Fault::Unreadable { reason, .. } => Fault::of_a_node(reason).blame(),
             Fault::Timeout => "timeout",
         }
     }
@@ -267,7 +276,13 @@ impl Fault {
 
     /// The device has answered, and it says no.
     pub const fn is_refusal(self) -> bool {
-        matches!(self, Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_) | Fault::Part { .. })
+        match self {
+            Fault::Unreadable { reason, .. } => Fault::of_a_node(reason).is_refusal(),
+            _ => matches!(
+                self,
+                Fault::Exception(_) | Fault::Aborted(_) | Fault::Status(_) | Fault::Part { .. }
+            ),
+        }
     }
 
     /// A gateway in between has answered for a device that does not.
@@ -303,7 +318,7 @@ impl Fault {
     }
 
     /// Why the value of a node cannot be believed.
-    pub(super) const fn of_a_node(reason: Reason) -> Fault {
+    pub(crate) const fn of_a_node(reason: Reason) -> Fault {
         match reason {
             Reason::Status(code) => Fault::Status(Status(code)),
             _ => Fault::Peer(PeerFault::Type),
@@ -341,6 +356,7 @@ impl Fault {
             Fault::Aborted(_) => Reason::Refused,
             Fault::Status(Status(code)) | Fault::Part { status: Status(code), .. } => Reason::Status(code),
             Fault::Peer(PeerFault::Type) => Reason::WrongType,
+            Fault::Unreadable { reason, .. } => reason,
             Fault::Timeout => Reason::Timeout,
             Fault::Link(_) => Reason::LinkDown,
             Fault::Peer(_) | Fault::Caller(_) => Reason::BadReply,

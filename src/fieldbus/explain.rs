@@ -77,6 +77,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         }
         Fault::Status(_) => "the server's own log or display says why",
         Fault::Part { status, .. } => return remedy(Fault::Status(status)),
+        Fault::Unreadable { reason, .. } => return remedy(Fault::of_a_node(reason)),
         _ => return None,
     })
 }
@@ -103,16 +104,21 @@ const fn remedy_at_a_server(fault: Fault) -> Option<&'static str> {
 
 /// What is wrong, and what to do.
 pub fn explain(fault: Fault) -> String {
-    said(fault, remedy(fault))
+    advised(fault.to_string(), remedy(fault))
 }
 
 /// The same in the words of the line that it happened on.
 pub fn explain_on(line: Transport, fault: Fault) -> String {
-    said(fault, if line == Transport::OpcUa { remedy_at_a_server(fault) } else { remedy(fault) })
+    advised_on(line, fault, fault.to_string())
 }
 
-fn said(fault: Fault, remedy: Option<&str>) -> String {
-    remedy.map_or_else(|| fault.to_string(), |remedy| format!("{fault}: {remedy}"))
+/// The same of a fault that has been put into words already.
+pub fn advised_on(line: Transport, fault: Fault, words: String) -> String {
+    advised(words, if line == Transport::OpcUa { remedy_at_a_server(fault) } else { remedy(fault) })
+}
+
+fn advised(words: String, remedy: Option<&str>) -> String {
+    remedy.map_or(words.clone(), |remedy| format!("{words}: {remedy}"))
 }
 
 /// What the system says of a file, a socket or a port, without its numbers, and what to do. What is said in words of ours stays.

@@ -5,11 +5,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::explain::explain_on;
+use crate::fieldbus::explain::{advised_on, explain_on};
 use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
-use isotherm_profile::{BusId, Device, DeviceId, Profile, Signal, Transport};
+use isotherm_profile::{BusId, Device, DeviceId, OutputId, Profile, Signal, Transport};
+
+use super::blamed;
 
 /// Consecutive failures after which a device is reported as lost: a single lost answer is only counted. On an RTU line,
 /// where answers are lost now and then and asked for again at once, more of them are.
@@ -108,11 +110,15 @@ impl Contact {
         }
     }
 
-    /// Why a device did not do what it was asked for, with what to do.
-    pub(super) fn why_of_device(&self, id: DeviceId, fault: Fault) -> String {
+    /// Why a device did not do what it was asked for an output, with what to do.
+    pub(super) fn why_of_output(&self, output: OutputId, fault: Fault) -> String {
+        let id = self.profile.output(output).device;
         match &self.devices[id.0].lost {
             Some(lost) if fault.is_of_the_line() && !lost.fault.is_empty() => lost.fault.clone(),
-            _ => self.explained(id, fault),
+            _ => {
+                let words = blamed::of_an_output(&self.profile, output, fault);
+                advised_on(self.profile.bus(self.profile.device(id).bus).transport, fault, words)
+            }
         }
     }
 

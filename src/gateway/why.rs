@@ -66,15 +66,17 @@ impl Reasons<'_> {
         };
         let troubled = self
             .outputs
-            .of_axis(axis)
-            .find(|(output, state)| output.writes.is_scheduled() && !is_well(state.standing))
-            .map(|(output, state)| {
+            .ids(axis)
+            .iter()
+            .map(|id| (*id, profile.output(*id), &self.outputs[id.0]))
+            .find(|(_, output, state)| output.writes.is_scheduled() && !is_well(state.standing))
+            .map(|(id, output, state)| {
                 let stands = format!("output {} is {}", output.name, state.standing.name());
                 let cause = state.cause.filter(|_| state.failures > 0);
                 match (state.handshake.failed, cause) {
                     (Some(failed), _) => format!("{stands}: {}", failed.message()),
                     (None, Some(fault)) => {
-                        let why = self.contact.why_of_device(output.device, fault);
+                        let why = self.contact.why_of_output(id, fault);
                         format!("{stands}, {} times: {why}", state.failures)
                     }
                     (None, None) => stands,

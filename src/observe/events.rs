@@ -181,6 +181,10 @@ pub enum Event {
     NotApplied { output: String, stands: String, applies: String, register: String },
     /// A write failed on its way.
     WriteFailed { output: String, fault: String },
+    /// The heartbeat of the gateway is not written; `place` is its register or node.
+    HeartbeatFailed { device: String, place: String, fault: String },
+    /// It is again.
+    HeartbeatWritten { device: String, place: String },
     /// A write was verified again.
     Verified { output: String, failures: u64 },
     /// Somebody else wrote to our register.

@@ -130,6 +130,35 @@ fn what_of_a_profile_does_not_fit_its_server_is_told_node_by_node() {
 }
 
 #[test]
+fn the_nodes_of_sets_and_of_the_heartbeat_are_looked_at_as_well() {
+    let server = Server::start(&[]);
+    let home = tempfile::tempdir().unwrap();
+    let set = "[set.offsets]\nheartbeat = { node = \"ns=2;s=beat\", type = \"i16\" }\ncontrol = { node = \"ns=2;s=control\", type = \
+               \"u16\" }\nversion = { node = \"ns=2;s=version\", type = \"u8\", value = 17 }\nhandshake = { strobe = { node = \
+               \"ns=2;s=strobe\", type = \"bool\" }, acknowledge = { node = \"ns=2;s=taken\" }, timeout = \"600ms\" }\n";
+    let life = "[heartbeat]\ndevice = \"cnc\"\nnode = \"ns=2;s=life\"\ntype = \"i16\"\nevery = \"500ms\"\n";
+    let text = machine(server.port, "").replace("writes = \"offset\"", "writes = \"offset\"\nset = \"offsets\"");
+    let good = format!("{}{set}{life}", text.replace("every = \"200ms\"", "every = \"5s\""));
+    let ended = check(home.path(), &good);
+    assert_eq!(ended.code, Some(0), "{}{}", ended.out, ended.said);
+    let cases = [
+        ("s=beat", "heartbeat of set offsets at ns=2;s=gone"),
+        ("s=control", "control of set offsets at ns=2;s=gone"),
+        ("s=version", "version of set offsets at ns=2;s=gone"),
+        ("s=strobe", "strobe of set offsets at ns=2;s=gone"),
+        ("s=taken", "acknowledge of set offsets at ns=2;s=gone"),
+        ("s=life", "heartbeat at ns=2;s=gone"),
+    ];
+    for (node, words) in cases {
+        let ended = check(home.path(), &good.replace(node, "s=gone"));
+        assert_eq!(ended.code, Some(1), "{node}: {}{}", ended.out, ended.said);
+        assert!(ended.said.contains(&format!("{words}: the server answers BadNodeIdUnknown")), "{}", ended.said);
+    }
+    let ended = check(home.path(), &good.replace("s=control", "s=boots").replace("\"u16\"", "\"u32\""));
+    assert!(ended.said.contains("control of set offsets at ns=2;s=boots: this user may not write it"), "{}", ended.said);
+}
+
+#[test]
 fn a_scan_shows_what_a_server_offers_and_what_a_profile_says_to_take_the_best_of_it() {
     let given = certificates();
     let server = serve(given.path(), "server", &["--user", "isotherm:hot-and-cold"]);

@@ -106,7 +106,7 @@ fn a_set_of_which_one_node_is_denied_is_neither_done_nor_not_done_and_goes_no_fu
     let text = in_a_set(port(&server), "").replace("timeout = \"1s\"", "timeout = \"1s\"\nlate = \"3s\"");
     let control = server.clone();
     beside(&text, Options::default(), move |source| {
-        let said = "the server answers BadUserAccessDenied to node 2 of those that are written together, and has written others";
+        let said = "the server answers BadUserAccessDenied to output tan (node ns=2;s=tan), and has written others of set line";
         wait_until(source, "it is told", |status| events(status).iter().any(|text| text.contains(said)));
         std::thread::sleep(Duration::from_secs(5));
         assert!(holds(&control, "k0") < 0.001 + 1e-9, "{}", holds(&control, "k0"));
@@ -210,6 +210,48 @@ fn heartbeat_control_word_and_version_of_a_set_stand_in_nodes_of_their_own_types
     let beats = server.does("values beat");
     let beats: Vec<u16> = beats.split(' ').map(|beat| beat.parse().unwrap()).collect();
     assert!(beats.iter().zip(1..).all(|(beat, place)| *beat == place), "{beats:?}");
+}
+
+#[test]
+fn a_word_of_a_set_whose_node_is_not_there_is_told_by_its_name_and_not_as_a_fault_of_an_output_s_node() {
+    let server = start(&[], "23");
+    let keys = "control = { node = \"ns=2;s=gone\", type = \"u16\" }";
+    let text = in_a_set(port(&server), keys);
+    let control = server.clone();
+    beside(&text, Options::default(), move |source| {
+        let said = "control of set line (node ns=2;s=gone) cannot be read: the server answers BadNodeIdUnknown";
+        wait_until(source, "it is told", |status| events(status).iter().any(|text| text.contains(said)));
+        wait_until(source, "the axis says so", |status| {
+            let why = &status.axes[0].why;
+            why.contains(said) && why.contains("there is no such node")
+        });
+        assert!(!control.lock().unwrap().does("log").contains("write"));
+    });
+}
+
+#[test]
+fn a_heartbeat_whose_node_is_not_there_is_told_and_its_end_as_well() {
+    let server = start(&[], "23");
+    let heartbeat = |node: &str| {
+        format!("[heartbeat]\ndevice = \"cnc\"\nnode = \"ns=2;s={node}\"\ntype = \"i16\"\nevery = \"100ms\"\n")
+    };
+    let gone = format!("{}{}", in_a_set(port(&server), ""), heartbeat("gone"));
+    let status = beside(&gone, Options::default(), move |source| {
+        let said = "heartbeat (node ns=2;s=gone of cnc): not written: the server answers BadNodeIdUnknown: there is no such node";
+        wait_until(source, "it is told", |status| events(status).iter().any(|text| text.contains(said)));
+        wait_until(source, "it stands", |status| status.alarms.iter().any(|alarm| alarm.text.contains(said)));
+        std::thread::sleep(Duration::from_secs(1));
+    });
+    assert_eq!(reported(&status, "heartbeat-failed"), 1, "once");
+    server.lock().unwrap().does("refuse life BadNotWritable");
+    let there = format!("{}{}", in_a_set(port(&server), ""), heartbeat("life"));
+    let control = server.clone();
+    let status = beside(&there, Options::default(), move |source| {
+        wait_until(source, "it is told", |status| reported(status, "heartbeat-failed") == 1);
+        control.lock().unwrap().does("allow life");
+        wait_until(source, "it is over", |status| reported(status, "heartbeat-written") == 1);
+    });
+    assert!(status.alarms.iter().all(|alarm| !alarm.id.contains("heartbeat")), "{:?}", status.alarms);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use crate::fieldbus::error::Fault;
 use crate::fieldbus::explain::explain_on;
 use crate::fieldbus::opcua::browse::{Browser, Described, Value};
 use isotherm_core::codec::{Address, DataType, Node};
-use isotherm_profile::{Bus, BusId, Profile, Transport};
+use isotherm_profile::{Bit, Bus, BusId, Profile, Transport};
 
 /// A node of the profile, as its server has it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -63,7 +63,38 @@ async fn found(bus: &Bus, wanted: &[Wanted<'_>]) -> Result<Vec<Described>, Fault
     found
 }
 
+/// Every node of the profile on this bus.
 fn wanted<'p>(profile: &'p Profile, bus: BusId) -> Vec<Wanted<'p>> {
+    let mut wanted = of_devices(profile, bus);
+    wanted.extend(of_sets(profile, bus));
+    let heartbeat = profile.heartbeat.iter().filter(|heartbeat| profile.device(heartbeat.device).bus == bus);
+    wanted.extend(heartbeat.filter_map(|heartbeat| {
+        let node = heartbeat.address.node()?;
+        Some(Wanted { of: "heartbeat".to_owned(), node, is_written: true })
+    }));
+    wanted
+}
+
+fn of_sets<'p>(profile: &'p Profile, bus: BusId) -> Vec<Wanted<'p>> {
+    let mut wanted = Vec::new();
+    for set in profile.sets.iter().filter(|set| profile.device(set.device).bus == bus) {
+        let mut want = |what: &str, node: &'p Node, is_written| {
+            wanted.push(Wanted { of: format!("{what} of {}", set.label()), node, is_written });
+        };
+        set.own_nodes().for_each(|(word, node)| want(word.name(), node, true));
+        if let Some(handshake) = &set.handshake {
+            let bits = [("strobe", &handshake.strobe, true), ("acknowledge", &handshake.acknowledge, false)];
+            for (what, bit, is_written) in bits {
+                if let Bit::Node(node) = bit {
+                    want(what, node, is_written);
+                }
+            }
+        }
+    }
+    wanted
+}
+
+fn of_devices<'p>(profile: &'p Profile, bus: BusId) -> Vec<Wanted<'p>> {
     let mut wanted = Vec::new();
     let mut want = |of: String, address: &'p Address, is_written| {
         if let Address::Node(node) = address {

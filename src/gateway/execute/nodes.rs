@@ -15,9 +15,11 @@ pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<Fou
     let nodes = set.nodes(&turn.shared.profile);
     let request = Request::Nodes(NodeRequest::Read(&nodes));
     let answered = turn.line.request(set.device, request, Leave::Whenever).await?;
-    let Answer::Nodes(found) = answered.answer.believed()? else {
-        return Err(Fault::Peer(PeerFault::Malformed));
-    };
+    let Answer::Nodes(found) = answered.answer else { return Err(Fault::Peer(PeerFault::Malformed)) };
+    let mut unreadable = found.iter().zip(1..).filter_map(|(node, place)| Some((node.value.err()?, place)));
+    if let Some((reason, place)) = unreadable.next() {
+        return Err(Fault::Unreadable { reason, place });
+    }
     let mut found = found.into_iter().filter_map(|node| node.value.ok());
     let values = found.by_ref().take(set.outputs.len()).collect();
     let mut words = set.own_nodes().zip(found);

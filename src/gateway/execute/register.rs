@@ -9,6 +9,7 @@ use super::order::Order;
 use super::trouble::{Access, Trouble, Troubles};
 use super::{DISK_PATIENCE, LineTurn, REMEMBERED, report};
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
+use crate::gateway::blamed::of_an_output;
 use crate::gateway::ledger::{Keeping, Kept};
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::storage::Stepped;
@@ -340,7 +341,8 @@ impl Register {
             // It only went along.
             return;
         }
-        let reported = self.troubles.fails(fault, access);
+        let in_words = || of_an_output(&shared.profile, self.id, fault);
+        let reported = self.troubles.fails(fault, access, in_words);
         let mut core = shared.core();
         let state = &mut core.outputs[self.id.0];
         (state.failures, state.cause) = (state.failures + 1, Some(fault));

@@ -43,8 +43,14 @@ pub(super) struct Troubles {
 }
 
 impl Troubles {
-    /// A request has failed. A device that is lost is reported elsewhere; of one that refuses, what is to be reported.
-    pub(super) fn fails(&mut self, fault: Fault, access: Access) -> Option<String> {
+    /// A request has failed. A device that is lost is reported elsewhere; of one that refuses, what is to be reported, which
+    /// is put into words then.
+    pub(super) fn fails(
+        &mut self,
+        fault: Fault,
+        access: Access,
+        in_words: impl FnOnce() -> String,
+    ) -> Option<String> {
         self.failed_writes += u64::from(access == Access::Write);
         // One whose reads are answered is not lost, and nobody else reports that its writes are not.
         let is_deaf = access == Access::Write && self.failed_writes >= DEAF && self.is_read;
@@ -60,8 +66,8 @@ impl Troubles {
             self.now = Some(trouble);
         }
         is_new.then(|| match is_deaf {
-            true => format!("{fault}, {} times in a row", self.failed_writes),
-            false => fault.to_string(),
+            true => format!("{}, {} times in a row", in_words(), self.failed_writes),
+            false => in_words(),
         })
     }
 

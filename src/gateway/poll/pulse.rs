@@ -1,25 +1,35 @@
 //! The heartbeat in a register or node of its own.
 
 use crate::fieldbus::departure::Leave;
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::explain::explain_on;
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::Request;
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::storage::Steady;
+use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, Heartbeat, Profile};
+
+/// So many beats in a row that nobody has answered are reported, where the device answers all else.
+const DEAF: u32 = 3;
 
 pub(super) struct Pulse {
     heartbeat: Heartbeat,
     pub(super) due: Moment,
     count: u16,
+    /// Beats in a row that were not written.
+    missed: u32,
+    /// That has been reported, and its end has not.
+    is_reported: bool,
 }
 
 impl Pulse {
     /// That of a line, if it has one.
     pub(super) fn of(profile: &Profile, bus: BusId, start: Moment) -> Option<Pulse> {
         let heartbeat = profile.heartbeat.as_ref();
-        let heartbeat = heartbeat.filter(|heartbeat| profile.device(heartbeat.device).bus == bus)?;
-        Some(Pulse { heartbeat: heartbeat.clone(), due: start, count: 0 })
+        let heartbeat = heartbeat.filter(|heartbeat| profile.device(heartbeat.device).bus == bus)?.clone();
+        Some(Pulse { heartbeat, due: start, count: 0, missed: 0, is_reported: false })
     }
 
     pub(super) async fn beat(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) {
@@ -34,13 +44,42 @@ impl Pulse {
         let functions = shared.profile.device(*device).functions;
         let count = self.heartbeat.data_type().encode(u64::from(self.count));
         let request = Request::write(address, count.registers(), functions);
-        // A failure is counted and reported where every request fails; the next beat is the repetition, and none is made
-        // up for.
-        let sent = line.request(*device, request, Leave::By(self.due)).await;
+        // The next beat is the repetition, and none is made up for.
+        let sent = line.request(*device, request, Leave::By(self.due)).await.err();
+        self.report(shared, sent);
         let log = &mut shared.core().storage.outputs;
         match sent {
-            Ok(_) => log.wrote(Steady::Heartbeat, None, now),
-            Err(fault) => log.not_written(Steady::Heartbeat, &fault, now),
+            None => log.wrote(Steady::Heartbeat, None, now),
+            Some(fault) => log.not_written(Steady::Heartbeat, &fault, now),
         }
+    }
+
+    /// A failure is counted where every request is, and a device that is lost is reported there. One that refuses, or is deaf
+    /// to this alone, is reported here.
+    fn report(&mut self, shared: &LineHandle, sent: Option<Fault>) {
+        let Some(fault) = sent.filter(|fault| !fault.has_lapsed()) else {
+            if sent.is_none() {
+                self.missed = 0;
+                if std::mem::take(&mut self.is_reported) {
+                    let (device, place) = self.names(shared);
+                    shared.report(&Event::HeartbeatWritten { device, place });
+                }
+            }
+            return;
+        };
+        self.missed += 1;
+        let device = self.heartbeat.device;
+        let is_deaf = self.missed >= DEAF && shared.core().contact.devices[device.0].is_here();
+        if (fault.is_refusal() || is_deaf) && !std::mem::replace(&mut self.is_reported, true) {
+            let transport = shared.profile.bus(shared.profile.device(device).bus).transport;
+            let (device, place) = self.names(shared);
+            let fault = explain_on(transport, fault);
+            shared.report(&Event::HeartbeatFailed { device, place, fault });
+        }
+    }
+
+    fn names(&self, shared: &LineHandle) -> (String, String) {
+        let Heartbeat { device, address, .. } = &self.heartbeat;
+        (shared.profile.device(*device).name.clone(), address.to_string())
     }
 }

@@ -117,6 +117,8 @@ impl Event {
                 raises("output", output)
             }
             Event::NotApplied { output, .. } => raises("output", output),
+            Event::HeartbeatFailed { device, .. } => raises("heartbeat at", device),
+            Event::HeartbeatWritten { device, .. } => ends(&[("heartbeat at", device)]),
             Event::ForeignChange { output, .. } => raises("foreign write to", output),
             Event::Verified { output, .. } => ends(&[("output", output), ("foreign write to", output)]),
             Event::LedgerDoubt { output, .. } | Event::FirstAccount { output, .. } => {

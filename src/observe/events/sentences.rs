@@ -158,6 +158,12 @@ impl Event {
             Event::WriteFailed { output, fault } => {
                 warning("write-failed", format!("output {output}: not written: {fault}"))
             }
+            Event::HeartbeatFailed { device, place, fault } => {
+                warning("heartbeat-failed", format!("heartbeat ({place} of {device}): not written: {fault}"))
+            }
+            Event::HeartbeatWritten { device, place } => {
+                info("heartbeat-written", format!("heartbeat ({place} of {device}): written again"))
+            }
             Event::Verified { output, failures } => info(
                 "verified",
                 format!("output {output}: written and verified again after {failures} failures"),

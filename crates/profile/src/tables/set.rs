@@ -99,6 +99,17 @@ pub enum OwnWord {
     Version(u16),
 }
 
+impl OwnWord {
+    /// Its key in the profile.
+    pub const fn name(self) -> &'static str {
+        match self {
+            OwnWord::Heartbeat => "heartbeat",
+            OwnWord::Control => "control",
+            OwnWord::Version(_) => "version",
+        }
+    }
+}
+
 /// Registers side by side: one request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stretch {
@@ -238,6 +249,14 @@ impl OutputSet {
     pub fn nodes(&self, profile: &Profile) -> Vec<Node> {
         let values = self.members(profile).filter_map(|output| output.address.node());
         values.chain(self.own_nodes().map(|(_, node)| node)).cloned().collect()
+    }
+
+    /// What stands in the node at this place among [`OutputSet::nodes`]: `output cnc_z`, `heartbeat of set plc`.
+    pub fn holds_at(&self, profile: &Profile, place: usize) -> Option<String> {
+        let values = self.members(profile).map(|output| format!("output {}", output.name));
+        let words = self.own_nodes().map(|(word, _)| format!("{} of {}", word.name(), self.label()));
+        let mut all = values.chain(words).zip(self.nodes(profile));
+        all.nth(place).map(|(what, node)| format!("{what} (node {node})"))
     }
 
     /// The call that writes its nodes, where it has some.

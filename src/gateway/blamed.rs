@@ -1,0 +1,20 @@
+//! Faults in the names of the profile: which node of a set it was.
+
+use crate::fieldbus::error::Fault;
+use isotherm_profile::{OutputId, Profile};
+
+/// What failed when an output was read or written.
+pub(super) fn of_an_output(profile: &Profile, output: OutputId, fault: Fault) -> String {
+    let set = profile.output(output).set.map(|set| profile.set(set));
+    let named = |place: u16| set?.holds_at(profile, usize::from(place).checked_sub(1)?);
+    let label = set.map_or(String::new(), |set| set.label());
+    let words = match fault {
+        Fault::Part { status, place } => named(place)
+            .map(|node| format!("the server answers {status} to {node}, and has written others of {label}")),
+        Fault::Unreadable { reason, place } => {
+            named(place).map(|node| format!("{node} cannot be read: {}", Fault::of_a_node(reason)))
+        }
+        _ => None,
+    };
+    words.unwrap_or_else(|| fault.to_string())
+}
