@@ -88,7 +88,9 @@ pub(super) fn signals(status: &Status) -> String {
 /// The buses, devices and output registers, a line for each.
 pub(super) fn fieldbus(status: &Status) -> String {
     let buses = status.buses.iter().map(|bus| {
-        let link = if bus.connected { "connected" } else { "not connected" };
+        // Whether there is a connection is noted at the end of a turn, which may not have come yet.
+        let answers = status.devices.iter().any(|device| device.bus == bus.name && device.state == "ok");
+        let link = if bus.connected || answers { "connected" } else { "not connected" };
         format!("  bus {} ({}): {link}\n", bus.name, bus.address)
     });
     let devices = status.devices.iter().map(|device| {

@@ -43,6 +43,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.nodes.is_asked_for() {
         return nodes::run(&arguments.target, &arguments.nodes, arguments.json);
     }
+    if arguments.target.is_at_a_server() {
+        super::refuse("an OPC UA server has nodes: add --browse")
+    }
     let Some(profile) = arguments.target.load(arguments.json)? else {
         super::refuse("name a PROFILE, or a line and what to read: --bus tcp://HOST --register holding:0")
     };

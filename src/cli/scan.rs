@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::print_json;
 use super::signals::Signals;
-use super::target::{self, Target, has_registers};
+use super::target::{self, Target};
 use crate::cli::say::{say, say_all, say_beside, say_progress};
 use crate::clock::Clock;
 use crate::discovery::bus::{LineAddress, Parity, Serial, Transport, baud};
@@ -64,7 +64,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if line.bus.opcua.is_some() {
         return endpoints::run(&line, arguments.json);
     }
-    has_registers(&line.bus)?;
+    line.has_registers()?;
     let is_serial = matches!(line.address.transport, Transport::Serial(_));
     let has_settings = !arguments.baud.is_empty() || !arguments.parity.is_empty();
     if has_settings && !is_serial {

@@ -50,6 +50,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         None => FaultScript::default(),
     };
+    if !profile.buses.is_empty() && profile.buses.iter().all(|bus| bus.transport == Transport::OpcUa) {
+        anyhow::bail!(
+            "nothing of {} can be played: its buses are OPC UA servers, and none of those is",
+            profile.name
+        )
+    }
     let plant = plant(&arguments.profile.path, &profile)?;
     let with =
         if plant.is_some() { "its plant" } else { "wandering values (no plant file beside the profile)" };
@@ -73,6 +79,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             if matches!(bus.transport, Transport::Serial(_)) && *address != bus.address {
                 say!("  the gateway finds it with --set bus.{name}.port={address}")?;
             }
+        }
+        for bus in profile.buses.iter().filter(|bus| bus.transport == Transport::OpcUa) {
+            say!("bus {} is an OPC UA server, and none of those is played", bus.name)?;
         }
         say!("stop with Ctrl-C")?;
         tokio::select! {

@@ -46,10 +46,15 @@ impl Target {
         self.profile.as_ref().map(|path| load_with(path, &self.set, json)).transpose()
     }
 
+    /// The line is written out, and an OPC UA server.
+    pub(super) fn is_at_a_server(&self) -> bool {
+        self.profile.is_none() && self.bus.as_ref().is_some_and(|bus| bus.starts_with("opc.tcp://"))
+    }
+
     /// The line.
     pub(super) fn find(&self, json: bool) -> anyhow::Result<Line> {
         let line = self.any(json)?;
-        has_registers(&line.bus)?;
+        line.has_registers()?;
         Ok(line)
     }
 
@@ -76,8 +81,9 @@ impl Target {
 
     /// A bus of a profile that has registers.
     pub(super) fn of(profile: Profile, id: BusId, timeout: Option<Duration>) -> anyhow::Result<Line> {
-        has_registers(profile.bus(id))?;
-        Ok(Target::of_any(profile, id, timeout))
+        let line = Target::of_any(profile, id, timeout);
+        line.has_registers()?;
+        Ok(line)
     }
 
     fn of_any(profile: Profile, id: BusId, timeout: Option<Duration>) -> Line {
@@ -87,19 +93,22 @@ impl Target {
     }
 }
 
-/// On CAN and at an OPC UA server nothing has.
-pub(super) fn has_registers(bus: &Bus) -> anyhow::Result<()> {
-    let (kind, instead) = match bus.transport {
-        Transport::Can => ("a CAN line", "`isotherm read PROFILE` reads its signals"),
-        Transport::OpcUa if cfg!(feature = "opcua") => {
-            ("an OPC UA server", "`isotherm read --browse` shows its nodes")
-        }
-        Transport::OpcUa => {
-            ("an OPC UA server", "a program with OPC UA in it, as the packages have it, is needed")
-        }
-        Transport::Tcp | Transport::RtuOverTcp | Transport::Serial(_) => return Ok(()),
-    };
-    anyhow::bail!("bus {} is {kind}, where nothing has registers; {instead}", bus.name)
+impl Line {
+    /// On CAN and at an OPC UA server nothing has.
+    pub(super) fn has_registers(&self) -> anyhow::Result<()> {
+        let (kind, instead) = match self.bus.transport {
+            Transport::Can => ("a CAN line", "`isotherm read PROFILE` reads its signals"),
+            Transport::OpcUa if cfg!(feature = "opcua") => {
+                ("an OPC UA server", "`isotherm read --browse` shows its nodes")
+            }
+            Transport::OpcUa => {
+                ("an OPC UA server", "a program with OPC UA in it, as the packages have it, is needed")
+            }
+            Transport::Tcp | Transport::RtuOverTcp | Transport::Serial(_) => return Ok(()),
+        };
+        let name = self.known.as_ref().map_or(self.address.to_string(), |_| format!("bus {}", self.bus.name));
+        anyhow::bail!("{name} is {kind}, where nothing has registers; {instead}")
+    }
 }
 
 fn timeout(text: &str) -> Result<Duration, String> {

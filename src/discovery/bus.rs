@@ -5,14 +5,12 @@ use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
-use isotherm_profile::{Bus, OpcUa, Quirks};
+use isotherm_profile::{Bus, OpcUa, Quirks, server_url};
 
 pub use isotherm_profile::{Parity, Serial, Transport};
 
 /// The port of Modbus TCP.
 const PORT: u16 = 502;
-/// The port of OPC UA.
-const OPCUA_PORT: u16 = 4840;
 /// Settings of a serial port where nothing else is said: what most modules are shipped with.
 const SHIPPED_WITH: Serial = Serial { baud: 9600, parity: Parity::None, stop_bits: 1 };
 
@@ -101,9 +99,7 @@ impl FromStr for LineAddress {
             "rtu+tcp" => Ok(LineAddress { transport: Transport::RtuOverTcp, address: host(rest, None)? }),
             "rtu" => serial(rest),
             "opc.tcp" => {
-                let (name, path) = rest.split_once('/').unwrap_or((rest, ""));
-                let path = if path.is_empty() { String::new() } else { format!("/{path}") };
-                let address = format!("opc.tcp://{}{path}", host(name, Some(OPCUA_PORT))?);
+                let address = server_url(text).map_err(|(why, help)| format!("{why}; {help}"))?;
                 Ok(LineAddress { transport: Transport::OpcUa, address })
             }
             _ => Err(format!("`{scheme}` is no kind of line; {FORMS}")),

@@ -52,7 +52,7 @@ pub enum Fault {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum CallerFault {
     /// Zero registers, more than a request carries, or beyond the last address.
-    #[error("request outside what Modbus allows")]
+    #[error("request outside what the protocol allows")]
     Extent,
     /// A function code that the profile does not allow for this device.
     #[error("function code not allowed by the profile")]

@@ -66,6 +66,10 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         Fault::Status(status) if status.is(Status::NOT_WRITABLE) => {
             "the server lets nobody write it: is it the right node, is writing switched on there?"
         }
+        Fault::Status(status) if status.is(Status::WRITE_NOT_SUPPORTED) => {
+            "the server does not let this node be written as it is sent, the value alone without a time and a quality: is it \
+             the right node, is writing it over OPC UA switched on at the server?"
+        }
         Fault::Status(status) if status.is(Status::TYPE_MISMATCH) => {
             "the node has another type: write its own at the output; a browser of the server shows it"
         }
@@ -144,6 +148,7 @@ pub fn system(error: &Error) -> String {
 mod tests {
     use super::*;
     use crate::fieldbus::error::{CanFault, TlsFault};
+    use isotherm_core::reading::Reason;
 
     /// Whoever reads it knows what to look at: it asks, names a command, or says what to do.
     #[test]
@@ -174,6 +179,18 @@ mod tests {
             assert!(explain(Fault::Exception(code)).starts_with(&format!("exception {code} (")));
         }
         assert!(explain(Fault::Link(LinkFault::Forbidden)).contains("dialout"));
+    }
+
+    #[test]
+    fn what_a_server_says_of_a_write_has_a_remedy_of_its_own() {
+        let said = explain_on(Transport::OpcUa, Fault::Status(Status::WRITE_NOT_SUPPORTED));
+        assert!(
+            said.contains("BadWriteNotSupported: the server does not let this node be written"),
+            "{said}"
+        );
+        let unreadable = Fault::Unreadable { reason: Reason::Status(Status::NO_SUCH_NODE.0), place: 2 };
+        assert!(explain_on(Transport::OpcUa, unreadable).contains("there is no such node"));
+        assert_eq!((unreadable.blame(), unreadable.is_refusal()), ("exception", true));
     }
 
     #[test]

@@ -8,8 +8,8 @@ use crate::fieldbus::error::Fault;
 use crate::fieldbus::explain::{advised_on, explain_on};
 use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
-use isotherm_core::reading::Reason;
-use isotherm_profile::{BusId, Device, DeviceId, OutputId, Profile, Signal, Transport};
+use isotherm_core::reading::{Reason, SignalId};
+use isotherm_profile::{BusId, Device, DeviceId, OutputId, Profile, Transport};
 
 use super::blamed;
 
@@ -32,6 +32,8 @@ pub(super) struct Contact {
     profile: Arc<Profile>,
     pub(super) devices: Vec<DeviceCount>,
     pub(super) buses: Vec<BusCount>,
+    /// How old each signal was by its server's stamp when it was last read.
+    pub(super) stamped: Vec<Option<Duration>>,
 }
 
 /// Requests and failures of one device.
@@ -89,12 +91,14 @@ impl Contact {
             profile: profile.clone(),
             devices: vec![DeviceCount::default(); profile.devices.len()],
             buses: vec![BusCount::default(); profile.buses.len()],
+            stamped: vec![None; profile.signals.len()],
         }
     }
 
-    /// Why a signal may not be used: by the raw value with which the device says so, or by what is wrong with the device or
-    /// its line.
-    pub(super) fn why(&self, signal: &Signal, reason: Reason) -> String {
+    /// Why a signal may not be used: by the raw value with which the device says so, by its server's stamp, or by what is wrong
+    /// with the device or its line.
+    pub(super) fn why(&self, id: SignalId, reason: Reason) -> String {
+        let signal = self.profile.signal(id);
         let said = signal.encoding.bad.iter().filter(|sentinel| sentinel.means == reason);
         let raw: Vec<String> = said.map(|sentinel| sentinel.raw.to_string()).collect();
         if !raw.is_empty() {
@@ -105,9 +109,22 @@ impl Contact {
             (Reason::LinkDown | Reason::Timeout | Reason::BadReply | Reason::NeverRead, Some(lost)) => {
                 lost.fault.clone()
             }
+            (Reason::Stale, _) => self.why_stale(id).unwrap_or(reason.to_string()),
             (Reason::Exception(code), _) => self.explained(signal.device, Fault::Exception(code)),
             _ => reason.to_string(),
         }
+    }
+
+    /// Of a signal that is read, and stale by its stamp.
+    fn why_stale(&self, id: SignalId) -> Option<String> {
+        let signal = self.profile.signal(id);
+        let age = self.stamped[id.0].filter(|age| *age >= signal.max_age / 2)?.as_secs_f64();
+        let (digits, device) = (usize::from(age < 10.0), &self.profile.device(signal.device).name);
+        Some(format!(
+            "{}: stamped {age:.digits$} s ago by the server: write source_time = \"changed\" at device {device} if it stamps \
+             only changes",
+            Reason::Stale
+        ))
     }
 
     /// Why a device did not do what it was asked for an output, with what to do.

@@ -497,9 +497,9 @@ impl Core {
                 Change::Lost(_, reason) | Change::Back(_, reason, _)
                     if matches!(reason, Reason::LinkDown | Reason::Timeout | Reason::BadReply) => {}
                 Change::Lost(id, reason) => {
-                    let signal = profile.signal(id);
-                    let reason = self.contact.why(signal, reason);
-                    self.events.push(Event::SignalBad { signal: signal.name.clone(), reason });
+                    let reason = self.contact.why(id, reason);
+                    let signal = profile.signal(id).name.clone();
+                    self.events.push(Event::SignalBad { signal, reason });
                 }
                 Change::Rereferenced(id, from, to) => {
                     let signal = profile.signal(id);

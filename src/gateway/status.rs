@@ -259,7 +259,7 @@ fn signals(shared: &Shared, picture: &Picture) -> Vec<SignalStatus> {
                 },
                 reason: match reading.quality {
                     Quality::Good => String::new(),
-                    Quality::Bad(reason) => picture.contact.why(signal, reason),
+                    Quality::Bad(reason) => picture.contact.why(SignalId(place), reason),
                 },
                 age_s: (taken > Moment::default() && reading.quality != Quality::Bad(Reason::NeverRead))
                     .then(|| picture.now.since(taken).as_secs_f64()),

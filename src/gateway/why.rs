@@ -119,7 +119,7 @@ impl Reasons<'_> {
                     Some(Quality::Bad(Reason::OpenCircuit)) => format!("{} has an open circuit", name(id)),
                     Some(Quality::Bad(Reason::ShortCircuit)) => format!("{} has a short circuit", name(id)),
                     Some(Quality::Bad(reason)) => {
-                        format!("{}: {}", name(id), self.contact.why(self.profile.signal(id), reason))
+                        format!("{}: {}", name(id), self.contact.why(id, reason))
                     }
                     _ => format!(
                         "{}: {}",

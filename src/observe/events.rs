@@ -176,7 +176,14 @@ pub enum Event {
     /// A value did not fit its register and was cut.
     Saturated { output: String, wanted: f64 },
     /// What was read back is not what was written.
-    VerifyFailed { output: String, wrote: String, found: String },
+    VerifyFailed {
+        output: String,
+        wrote: String,
+        found: String,
+        /// It is in a node of an OPC UA server.
+        #[serde(skip)]
+        is_in_a_node: bool,
+    },
     /// The control applies something else than what stands in its register.
     NotApplied { output: String, stands: String, applies: String, register: String },
     /// A write failed on its way.

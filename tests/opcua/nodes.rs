@@ -73,6 +73,10 @@ fn a_look_around_leaves_no_place_taken_at_the_server() {
 #[test]
 fn a_node_that_is_not_there_is_told_with_what_to_do() {
     let server = Server::start(&[]);
+    let bus = format!("opc.tcp://127.0.0.1:{}", server.port);
+    let home = tempfile::tempdir().unwrap();
+    let scan = typing(isotherm(home.path()).args(["scan", "--bus", &bus]), "");
+    assert!(!scan.out.contains("user ="), "anybody is let in: {}", scan.out);
     let ended = read(&server, &["--browse", "ns=2;s=bet"]);
     assert_eq!(ended.code, Some(1));
     assert!(
@@ -81,7 +85,12 @@ fn a_node_that_is_not_there_is_told_with_what_to_do() {
         ended.said
     );
     let ended = read(&server, &["--register", "holding:0", "--unit", "1"]);
-    assert!(ended.said.contains("nothing has registers; `isotherm read --browse`"), "{}", ended.said);
+    let said = format!("{bus} is an OPC UA server, where nothing has registers; `isotherm read --browse`");
+    assert!(ended.said.contains(&said), "{}", ended.said);
+    for more in [&[][..], &["--register", "holding:0"]] {
+        let ended = read(&server, more);
+        assert!(ended.said.contains("an OPC UA server has nodes: add --browse"), "{}", ended.said);
+    }
 }
 
 fn check(directory: &Path, text: &str) -> Ended {
@@ -114,6 +123,10 @@ fn what_of_a_profile_does_not_fit_its_server_is_told_node_by_node() {
             "this user may not write it: give it that right at the server",
         ),
         (("ns=2;s=scale", "ns=2;s=skale"), "there is no such node: is its name right"),
+        (
+            ("ns=2;s=scale\"\ntype = \"i32\"", "ns=2;s=scale\"\ntype = \"i16\""),
+            "it is an Int32, and the profile says i16: write type = \"i32\"",
+        ),
         (("ns=2;s=bed", "ns=2;s=text"), "it is a String, and no number"),
         (("ns=2;s=bed", "ns=2;s=folder"), "it is no variable"),
         (("ns=2;s=bed", "ns=2;s=several"), "it holds several values"),
@@ -137,7 +150,8 @@ fn the_nodes_of_sets_and_of_the_heartbeat_are_looked_at_as_well() {
                \"u16\" }\nversion = { node = \"ns=2;s=version\", type = \"u8\", value = 17 }\nhandshake = { strobe = { node = \
                \"ns=2;s=strobe\", type = \"bool\" }, acknowledge = { node = \"ns=2;s=taken\" }, timeout = \"600ms\" }\n";
     let life = "[heartbeat]\ndevice = \"cnc\"\nnode = \"ns=2;s=life\"\ntype = \"i16\"\nevery = \"500ms\"\n";
-    let text = machine(server.port, "").replace("writes = \"offset\"", "writes = \"offset\"\nset = \"offsets\"");
+    let text =
+        machine(server.port, "").replace("writes = \"offset\"", "writes = \"offset\"\nset = \"offsets\"");
     let good = format!("{}{set}{life}", text.replace("every = \"200ms\"", "every = \"5s\""));
     let ended = check(home.path(), &good);
     assert_eq!(ended.code, Some(0), "{}{}", ended.out, ended.said);
@@ -152,10 +166,36 @@ fn the_nodes_of_sets_and_of_the_heartbeat_are_looked_at_as_well() {
     for (node, words) in cases {
         let ended = check(home.path(), &good.replace(node, "s=gone"));
         assert_eq!(ended.code, Some(1), "{node}: {}{}", ended.out, ended.said);
-        assert!(ended.said.contains(&format!("{words}: the server answers BadNodeIdUnknown")), "{}", ended.said);
+        assert!(
+            ended.said.contains(&format!("{words}: the server answers BadNodeIdUnknown")),
+            "{}",
+            ended.said
+        );
     }
     let ended = check(home.path(), &good.replace("s=control", "s=boots").replace("\"u16\"", "\"u32\""));
-    assert!(ended.said.contains("control of set offsets at ns=2;s=boots: this user may not write it"), "{}", ended.said);
+    assert!(
+        ended.said.contains("control of set offsets at ns=2;s=boots: this user may not write it"),
+        "{}",
+        ended.said
+    );
+}
+
+#[test]
+fn a_server_that_stamps_only_changes_is_told_with_the_key_that_says_so() {
+    let mut server = Server::start(&[]);
+    server.does("stamp bed -96");
+    let home = tempfile::tempdir().unwrap();
+    let ended = check(home.path(), &machine(server.port, ""));
+    assert_eq!(ended.code, Some(1), "{}{}", ended.out, ended.said);
+    let said = "s ago by the server: write source_time = \"changed\" at device cnc if it stamps only changes";
+    for text in [&ended.out, &ended.said] {
+        assert!(text.contains("stale: stamped 9") && text.contains(said), "{text}");
+    }
+    let changed =
+        machine(server.port, "").replace("every = \"100ms\"", "every = \"100ms\"\nsource_time = \"changed\"");
+    let ended = check(home.path(), &changed);
+    assert_eq!(ended.code, Some(0), "{}{}", ended.out, ended.said);
+    assert!(ended.out.contains("): connected") && !ended.out.contains("not connected"), "{}", ended.out);
 }
 
 #[test]
@@ -178,6 +218,9 @@ fn a_scan_shows_what_a_server_offers_and_what_a_profile_says_to_take_the_best_of
     let text = scan(&[]);
     let lines = format!("type = \"opcua\"\naddress = \"{bus}\"\nsecurity = \"sign-and-encrypt\"\n");
     assert!(text.out.contains(&lines), "{}{}", text.out, text.said);
+    let user = "trusted = \"trusted\"\n# a user of the server; the file holds the password alone\nuser = { name = \"isotherm\", \
+                password_file = \"opcua.password\" }\n";
+    assert!(text.out.contains(user), "{}", text.out);
     assert!(text.out.contains("  sign              Basic256Sha256        password\n"), "{}", text.out);
     let none = typing(isotherm(given.path()).args(["scan", "--bus", "opc.tcp://127.0.0.1:1"]), "");
     assert_eq!(none.code, Some(1));

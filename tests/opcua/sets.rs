@@ -88,7 +88,8 @@ fn a_member_that_keeps_its_old_value_though_the_server_answers_good_is_caught_an
     beside(&text, Options::default(), move |source| {
         wait_until(source, "it is told", |status| {
             events(status).iter().any(|text| {
-                text.starts_with("output tan: wrote ") && text.ends_with("read back 0.0000 µm/mm")
+                let said = "read back 0.0000 µm/mm: the server said Good and kept the old value";
+                text.starts_with("output tan: wrote ") && text.contains(said)
             })
         });
         std::thread::sleep(Duration::from_secs(2));
@@ -219,7 +220,8 @@ fn a_word_of_a_set_whose_node_is_not_there_is_told_by_its_name_and_not_as_a_faul
     let text = in_a_set(port(&server), keys);
     let control = server.clone();
     beside(&text, Options::default(), move |source| {
-        let said = "control of set line (node ns=2;s=gone) cannot be read: the server answers BadNodeIdUnknown";
+        let said =
+            "control of set line (node ns=2;s=gone) cannot be read: the server answers BadNodeIdUnknown";
         wait_until(source, "it is told", |status| events(status).iter().any(|text| text.contains(said)));
         wait_until(source, "the axis says so", |status| {
             let why = &status.axes[0].why;
@@ -233,7 +235,9 @@ fn a_word_of_a_set_whose_node_is_not_there_is_told_by_its_name_and_not_as_a_faul
 fn a_heartbeat_whose_node_is_not_there_is_told_and_its_end_as_well() {
     let server = start(&[], "23");
     let heartbeat = |node: &str| {
-        format!("[heartbeat]\ndevice = \"cnc\"\nnode = \"ns=2;s={node}\"\ntype = \"i16\"\nevery = \"100ms\"\n")
+        format!(
+            "[heartbeat]\ndevice = \"cnc\"\nnode = \"ns=2;s={node}\"\ntype = \"i16\"\nevery = \"100ms\"\n"
+        )
     };
     let gone = format!("{}{}", in_a_set(port(&server), ""), heartbeat("gone"));
     let status = beside(&gone, Options::default(), move |source| {

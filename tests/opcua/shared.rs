@@ -55,7 +55,9 @@ fn a_sum_that_the_server_says_it_has_taken_and_has_not_is_caught() {
     let control = server.clone();
     beside(&text, options, move |source| {
         wait_until(source, "it is told", |status| {
-            events(status).contains(&"output offset: wrote 1.0 µm, read back 0.0 µm")
+            events(status).iter().any(|text| {
+                text.starts_with("output offset: wrote 1.0 µm, read back 0.0 µm: the server said Good")
+            })
         });
         control.lock().unwrap().does("allow offset");
         stands(source, &control, "30");

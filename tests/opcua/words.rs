@@ -138,6 +138,31 @@ async fn one_of_the_two_files_alone_is_told_and_nothing_is_made() {
 }
 
 #[test]
+fn certificate_and_key_in_one_file_that_is_not_there_are_told_by_their_keys() {
+    let home = tempfile::tempdir().unwrap();
+    let path = profile(home.path(), 4840);
+    let text = std::fs::read_to_string(&path).unwrap();
+    let (before, rest) = text.split_once("key = \"").unwrap();
+    let (_, after) = rest.split_once('"').unwrap();
+    let (_, cert) = text.split_once("cert = \"").unwrap();
+    let cert = cert.split('"').next().unwrap();
+    std::fs::write(&path, format!("{before}key = \"{cert}\"{after}")).unwrap();
+    let ended = typing(&mut opcua(&path, "certificate", &[]), "");
+    assert_eq!(ended.code, Some(1));
+    assert!(ended.said.contains("`cert` and `key` of bus control both name"), "{}", ended.said);
+}
+
+#[test]
+fn a_profile_of_servers_alone_says_that_nothing_of_it_is_played() {
+    let home = tempfile::tempdir().unwrap();
+    let path = home.path().join("machine.toml");
+    std::fs::write(&path, machine(4840, "")).unwrap();
+    let ended = typing(isotherm(home.path()).arg("virtual").arg(&path), "");
+    assert_eq!(ended.code, Some(1));
+    assert!(ended.said.contains("nothing of server can be played"), "{}", ended.said);
+}
+
+#[test]
 fn a_line_that_is_not_secured_has_no_certificate_and_is_told_how_it_gets_one() {
     let home = tempfile::tempdir().unwrap();
     let path = home.path().join("machine.toml");

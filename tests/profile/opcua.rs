@@ -92,8 +92,9 @@ fn check_says_what_is_asked_and_written_and_how_the_messages_are_protected() {
         "messages are neither signed nor encrypted; speaks as nobody (anonymous)",
         "cnc: every 1s: 1 request touching 2 nodes for 2 signals",
         "a reading is as old as the time that the server stamps it with",
-        "bed: node ns=2;s=/Plc/DB100.DBD4 of cnc",
-        "k0: node ns=2;s=/Sinumerik/SEA/offset of cnc, f64",
+        "bed: node ns=2;s=/Plc/DB100.DBD4 of cnc, the node's own type, 1 °C per unit",
+        "scale_z: node ns=3;i=1005 of cnc, i32, 0.0005 mm per count",
+        "k0: node ns=2;s=/Sinumerik/SEA/offset of cnc, f64, 1 µm per unit",
         "believed once the node reads back what was written",
     ] {
         assert!(text.contains(said), "`{said}` is not in:\n{text}");
@@ -134,6 +135,16 @@ fn what_is_wrong_with_a_server_is_told_at_its_key() {
         &["`security` is missing", "sign-and-encrypt"],
     );
     no_server("opc.tcp://", "http://", "bus.control.address", "\"http", &["opc.tcp://192.168.214.241"]);
+    for (address, words) in [
+        ("opc.tcp://::1", "\"opc.tcp://[::1]:4840\""),
+        ("opc.tcp://ho st", "a blank"),
+        (" opc.tcp://nck", "\"opc.tcp://nck\""),
+        ("opc.tcp://nck:x", "no host and port"),
+    ] {
+        no_server("opc.tcp://192.168.214.241", address, "bus.control.address", "\"", &[words]);
+    }
+    let v6 = parse(&SERVER.replace("192.168.214.241", "[::1]")).unwrap_or_else(|errors| panic!("{errors}"));
+    assert_eq!(v6.profile.buses[0].address, "opc.tcp://[::1]:4840");
     no_server("opc.tcp://", "opc.tcp://user@", "bus.control.address", "\"opc", &["names no user"]);
     no_server(
         "\"none\"\n",
@@ -150,6 +161,40 @@ fn what_is_wrong_with_a_server_is_told_at_its_key() {
         "unit",
         &["a Modbus device"],
     );
+}
+
+#[test]
+fn the_words_of_opc_ua_and_of_other_programs_are_answered_with_those_of_a_profile() {
+    no_server("\"opcua\"", "\"opc-ua\"", "bus.control.type", "\"opc-ua", &["did you mean `opcua`"]);
+    no_server("\"f64\"", "\"Double\"", "output.k0.type", "\"Double", &["write \"f64\": OPC UA's Double"]);
+    no_server("\"i32\"", "\"Int32\"", "signal.scale_z.type", "\"Int32", &["write \"i32\": OPC UA's Int32"]);
+    no_server(
+        "\"none\"",
+        "\"Basic256Sha256\"",
+        "bus.control.security",
+        "\"Basic",
+        &["that is a policy: write \"sign-and-encrypt\", the strongest policy that both ends know is taken"],
+    );
+    no_server(
+        "ns=3;i=1005",
+        "nsu=urn:nck;i=1005",
+        "signal.scale_z.node",
+        "\"nsu",
+        &["by its index, as `ns=2;"],
+    );
+    let verify = "every = \"1s\"\nverify = [ { type = \"i32\", equals = 3 } ]\n";
+    no_server("every = \"1s\"\n", verify, "device.cnc.verify[0].node", "{", &["which node is read?"]);
+    let verify = "every = \"1s\"\nverify = [ { node = \"ns=2;s=state\", equals = 3 } ]\n";
+    no_server(
+        "every = \"1s\"\n",
+        verify,
+        "device.cnc.verify[0].type",
+        "{",
+        &["it is compared in the node's own type"],
+    );
+    let secured = "\"sign\"\ncert = \"own.der\"\nkey = \"own.pem\"\n";
+    let said = parse(&SERVER.replacen("\"none\"\n", secured, 1)).unwrap_err().to_string();
+    assert!(said.contains("`isotherm opcua trust PROFILE` makes it, and fills it"), "{said}");
 }
 
 #[test]
@@ -190,6 +235,17 @@ fn two_outputs_never_write_one_node() {
     let second = SERVER.split_once("[output.k0]").unwrap().1;
     let text = format!("{SERVER}\n[output.again]{second}");
     let error = only_error(&text, "output.again.node", "\"ns=2");
+    assert!(error.to_string().contains("output `k0` writes this node already"), "{error}");
+}
+
+#[test]
+fn two_outputs_never_write_one_node_though_its_guid_is_written_otherwise() {
+    let guid = "ns=2;g=09087e75-8e5e-499b-954f-f2a9603db28a";
+    let text = SERVER.replacen("ns=2;s=/Sinumerik/SEA/offset", guid, 1);
+    let (_, output) = text.split_once("[output.k0]").unwrap();
+    let second = output.replace(guid, &guid.to_uppercase().replace("NS=2;G=", "ns=2;g="));
+    let text = format!("{text}[output.k1]{second}");
+    let error = only_error(&text, "output.k1.node", "\"ns=2;g=09087E75");
     assert!(error.to_string().contains("output `k0` writes this node already"), "{error}");
 }
 

@@ -44,7 +44,7 @@ pub use tables::axis::Axis;
 pub use tables::axis::model::network;
 pub use tables::axis::model::seals::sha256;
 pub use tables::axis::probe::ProbeInput;
-pub use tables::bus::opcua::{NamedFile, OpcUa, Security, User};
+pub use tables::bus::opcua::{NamedFile, OpcUa, Security, User, server_url};
 pub use tables::bus::serial::{Parity, Serial};
 pub use tables::bus::tls::{TLS_PORT, Tls};
 pub use tables::bus::{Bus, Sync, Transport};

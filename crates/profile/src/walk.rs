@@ -249,11 +249,40 @@ fn wrong_text(schema: &Value, is_duration: bool, text: &str) -> Option<(String, 
     let words = schema.get("enum").and_then(Value::as_array);
     let words: Option<Vec<&str>> = words.map(|words| words.iter().filter_map(Value::as_str).collect());
     if let Some(words) = words.filter(|words| !words.contains(&text)) {
-        return Some((format!("`{text}` is not a word known here"), allowed(text, words)));
+        let help = meant(text, &words).unwrap_or_else(|| allowed(text, words));
+        return Some((format!("`{text}` is not a word known here"), help));
     }
     let why = humantime::parse_duration(text).err().filter(|_| is_duration)?;
     let help = "write a number with its unit, as \"300ms\", \"10s\", \"3min\", \"2h\" or \"90d\"";
     Some((format!("`{text}` is no duration: {why}"), help.to_owned()))
+}
+
+/// What OPC UA and its tools call otherwise.
+fn meant(text: &str, words: &[&str]) -> Option<String> {
+    const TYPES: [(&str, &str); 11] = [
+        ("Boolean", "bool"),
+        ("SByte", "i8"),
+        ("Byte", "u8"),
+        ("Int16", "i16"),
+        ("UInt16", "u16"),
+        ("Int32", "i32"),
+        ("UInt32", "u32"),
+        ("Int64", "i64"),
+        ("UInt64", "u64"),
+        ("Float", "f32"),
+        ("Double", "f64"),
+    ];
+    const POLICIES: [&str; 5] =
+        ["Basic128Rsa15", "Basic256", "Basic256Sha256", "Aes128_Sha256_RsaOaep", "Aes256_Sha256_RsaPss"];
+    let known = |word: &&str| words.contains(word);
+    if let Some((theirs, ours)) = TYPES.into_iter().find(|(theirs, _)| theirs.eq_ignore_ascii_case(text)) {
+        return Some(ours).filter(known).map(|ours| format!("write \"{ours}\": OPC UA's {theirs}"));
+    }
+    let name = text.rsplit('#').next().unwrap_or(text);
+    let is_policy = POLICIES.iter().any(|policy| policy.eq_ignore_ascii_case(name));
+    Some("sign-and-encrypt").filter(|_| is_policy).filter(known).map(|word| {
+        format!("that is a policy: write \"{word}\", the strongest policy that both ends know is taken")
+    })
 }
 
 /// How a table is written that something else stands for: with the keys that it must have, and the word that was written

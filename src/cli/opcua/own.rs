@@ -38,6 +38,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let line = arguments.line.find()?;
     let (cert, key) = (line.beside.join(&line.cert.name), line.beside.join(&line.key.name));
     let (shown_cert, shown_key) = (cert.display(), key.display());
+    if cert == key && !cert.exists() {
+        anyhow::bail!(
+            "`cert` and `key` of bus {} both name {shown_cert}: give the key a file of its own",
+            line.bus.name
+        );
+    }
     let made = match (cert.exists(), key.exists()) {
         (true, true) => None,
         (false, false) => Some(made(&line, &cert, &key, arguments.years)?),

@@ -5,7 +5,7 @@ use crate::cli::target::Target;
 use crate::cli::{print_json, refuse, runtime};
 use crate::discovery::opcua::{Described, browse, in_a_line};
 use isotherm_core::codec::NodeId;
-use isotherm_profile::Bus;
+use isotherm_profile::{Bus, one_line};
 
 /// The folder that all of a server's own hangs below.
 const OBJECTS: &str = "i=85";
@@ -62,6 +62,19 @@ fn server(target: &Target, json: bool) -> anyhow::Result<Option<Bus>> {
 
 fn line(found: &Described) -> String {
     let indent = "  ".repeat(found.depth);
-    let said = in_a_line(found);
-    format!("{indent}{}  {}  {said}", found.node, found.name).trim_end().to_owned()
+    let (said, node) = (in_a_line(found), one_line(&found.node));
+    format!("{indent}{node}  {}  {said}", found.name).trim_end().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isotherm_core::reading::Status;
+
+    #[test]
+    fn a_node_is_one_line_whatever_its_name_holds() {
+        let (node, name) = ("ns=2;s=a\n  ns=2;s=offset\t\u{1b}[2J".to_owned(), "a".to_owned());
+        let found = Described { node, depth: 1, name, variable: None, status: Status(0) };
+        assert_eq!(line(&found), "  ns=2;s=a\\n  ns=2;s=offset\\t\\u001b[2J  a");
+    }
 }

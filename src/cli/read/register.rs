@@ -94,7 +94,12 @@ fn line(target: &Target, one: &One, json: bool) -> anyhow::Result<(Line, u8)> {
                 "--register wants to know where: --bus tcp://HOST --unit 1, or a PROFILE with --device NAME",
             );
         }
-        let Some(unit) = one.unit else { refuse("--unit is missing: the Modbus unit, often 1") };
+        let Some(unit) = one.unit else {
+            refuse(match target.is_at_a_server() {
+                true => "an OPC UA server has nodes: add --browse, and leave --register out",
+                false => "--unit is missing: the Modbus unit, often 1",
+            })
+        };
         return Ok((target.find(json)?, unit));
     };
     let Some(profile) = target.load(json)? else { refuse("--device wants a PROFILE") };

@@ -24,7 +24,8 @@ pub(super) fn run(line: &Line, json: bool) -> anyhow::Result<()> {
     }
     let Some(security) = strongest(&offers) else {
         anyhow::bail!(
-            "none of that is spoken by the gateway: switch on Basic256Sha256 or better at the server, binary over TCP"
+            "none of that is spoken by the gateway: switch on Basic256Sha256 or better at the server, binary over TCP, for \
+             anonymous users or those with a password or a certificate"
         )
     };
     if line.known.is_none() {
@@ -32,6 +33,7 @@ pub(super) fn run(line: &Line, json: bool) -> anyhow::Result<()> {
             Security::None => String::new(),
             _ => "cert = \"own.der\"\nkey = \"own.pem\"\ntrusted = \"trusted\"\n".to_owned(),
         };
+        let files = files + user(&offers, security);
         let lines = line.address.profile_lines();
         say_all!("\n# for a profile:\n[bus.control]\n{lines}security = \"{}\"\n{files}", word(security))?;
     }
@@ -50,11 +52,34 @@ fn table(offers: &[Offer]) -> String {
     lines.collect()
 }
 
+/// The best that lets in somebody whom the gateway can be.
 fn strongest(offers: &[Offer]) -> Option<Security> {
     let order = [Security::SignAndEncrypt, Security::Sign, Security::None];
-    let offered =
-        |security: &Security| offers.iter().any(|offer| offer.is_spoken && offer.security == Some(*security));
+    let offered = |security: &Security| {
+        ["anonymous", "password", "certificate"].iter().any(|user| lets_in(offers, *security, user))
+    };
     order.into_iter().find(offered)
+}
+
+fn lets_in(offers: &[Offer], security: Security, user: &str) -> bool {
+    let fitting = offers.iter().filter(|offer| offer.is_spoken && offer.security == Some(security));
+    fitting.flat_map(|offer| &offer.users).any(|known| *known == user)
+}
+
+/// The line of a profile that says as whom, where nobody is let in without a name.
+fn user(offers: &[Offer], security: Security) -> &'static str {
+    if lets_in(offers, security, "anonymous") {
+        return "";
+    }
+    match lets_in(offers, security, "password") {
+        true => {
+            "# a user of the server; the file holds the password alone\n\
+             user = { name = \"isotherm\", password_file = \"opcua.password\" }\n"
+        }
+        false => {
+            "# a user of the server, by certificate\nuser = { cert = \"user.der\", key = \"user.pem\" }\n"
+        }
+    }
 }
 
 /// As a profile writes it.

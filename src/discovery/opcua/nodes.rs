@@ -149,14 +149,21 @@ fn wrong_type(said: Option<DataType>, variable: &Value) -> Option<String> {
     match (said, data_type) {
         _ if *is_array => Some("it holds several values: name the node of one of them".to_owned()),
         (_, None) if kind.is_empty() => None,
-        (_, None) => Some(format!("it is a {kind}, and no number: name another node")),
+        (_, None) => Some(format!("it is {}, and no number: name another node", one(kind))),
         (Some(said), Some(known)) if said != *known => Some(format!(
-            "it is a {kind}, and the profile says {}: write type = \"{}\"",
+            "it is {}, and the profile says {}: write type = \"{}\"",
+            one(kind),
             said.name(),
             known.name()
         )),
         _ => None,
     }
+}
+
+/// `an Int32`, `a UInt32`.
+fn one(kind: &str) -> String {
+    let article = if kind.starts_with(['A', 'E', 'I', 'O']) { "an" } else { "a" };
+    format!("{article} {kind}")
 }
 
 /// What a server says of a node, in a line: `f32 (Float), read, 20`.

@@ -20,7 +20,7 @@ use serde::{Serialize, Serializer};
 use super::channel::Link;
 use super::session::Session;
 use super::status::call_fault;
-use super::value::{node_id, number_type};
+use super::value::{for_people, node_id, number_type};
 use super::{OPENING, OpcUaDial, fault};
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
 use crate::fieldbus::opcua_fault::OpcUaFault;
@@ -338,7 +338,7 @@ fn hold(node: &mut Described, value: DataValue) {
         variable.data_type = number_type(kind);
     }
     variable.is_array |= value.is_array();
-    variable.value = (!value.is_array() && !value.is_empty()).then(|| text(&value.to_string()));
+    variable.value = (!value.is_array() && !value.is_empty()).then(|| text(&for_people(&value)));
 }
 
 fn text(text: &str) -> String {

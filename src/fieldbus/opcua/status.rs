@@ -95,6 +95,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn each_status_has_the_name_that_the_library_has_for_it() {
+        let known = (0..=0xffff).map(|code| Status(code << 16)).filter(|status| status.name().is_some());
+        let known: Vec<_> = known.collect();
+        assert!(known.len() > 90, "{}", known.len());
+        for status in known {
+            assert_eq!(status.to_string(), StatusCode::from(status.0).to_string(), "{:08X}", status.0);
+        }
+        assert_eq!(Status(StatusCode::BadNoSubscription.bits()).to_string(), "BadNoSubscription");
+    }
+
+    #[test]
     fn a_set_is_done_where_all_of_it_is_and_not_done_where_each_of_it_is_refused() {
         const GOOD: Status = Status(0);
         const FAILED: Status = Status(0x808b_0000);

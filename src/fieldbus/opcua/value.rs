@@ -70,6 +70,16 @@ fn scalar(value: &Variant) -> Option<Scalar> {
     Some(Scalar { data_type, bits })
 }
 
+/// What a node holds, for people.
+pub(super) fn for_people(value: &Variant) -> String {
+    match value {
+        Variant::LocalizedText(text) => text.to_string(),
+        Variant::QualifiedName(name) => name.to_string(),
+        Variant::ByteString(bytes) => format!("{} bytes", bytes.as_ref().len()),
+        value => value.to_string(),
+    }
+}
+
 /// The type of a number; `None` of what is none.
 pub(super) fn number_type(kind: VariantScalarTypeId) -> Option<DataType> {
     Some(match kind {
@@ -136,6 +146,14 @@ mod tests {
             assert_eq!(sent.scalar_type_id().and_then(number_type), Some(data_type));
         }
         assert_eq!(scalar(&Variant::from("27.5")), None);
+    }
+
+    #[test]
+    fn a_text_is_shown_as_people_write_it() {
+        use ::opcua::types::{LocalizedText, QualifiedName};
+        assert_eq!(for_people(&Variant::from(LocalizedText::new("de", "Spindel"))), "Spindel");
+        assert_eq!(for_people(&Variant::from(QualifiedName::new(2, "Nck"))), "2:Nck");
+        assert_eq!(for_people(&Variant::from(27.5)), "27.5");
     }
 
     #[test]

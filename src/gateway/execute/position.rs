@@ -163,7 +163,8 @@ impl Position {
         if self.trouble.replace(Trouble::Untaken) != Some(Trouble::Untaken) {
             let found = found.map_or(String::new(), |found| registers_in_text(output, found.registers()));
             let wrote = registers_in_text(output, wrote.registers());
-            shared.report(&Event::VerifyFailed { output: output.name.clone(), wrote, found });
+            let (output, is_in_a_node) = (output.name.clone(), output.address.node().is_some());
+            shared.report(&Event::VerifyFailed { output, wrote, found, is_in_a_node });
         }
         self.is_unverified(shared, &"something else is read back than was written");
     }

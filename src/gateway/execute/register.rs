@@ -254,7 +254,7 @@ impl Register {
         for event in self.state.take_events().iter() {
             let is_foreign = matches!(event, output::Event::ForeignValue { .. });
             if !(has_restarted && is_foreign)
-                && let Some(event) = report::event(self, &output.name, *event, &shared.clock)
+                && let Some(event) = report::event(self, output, *event, &shared.clock)
             {
                 shared.report(&event);
             }

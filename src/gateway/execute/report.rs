@@ -10,8 +10,14 @@ use isotherm_core::quantity::{Counts, Micron};
 use isotherm_profile::Output;
 
 /// What the step has found out, for people; `None` where they hear of it otherwise.
-pub(super) fn event(register: &Register, output: &str, event: output::Event, clock: &Clock) -> Option<Event> {
-    let output = output.to_owned();
+pub(super) fn event(
+    register: &Register,
+    output: &Output,
+    event: output::Event,
+    clock: &Clock,
+) -> Option<Event> {
+    let is_in_a_node = output.address.node().is_some();
+    let output = output.name.clone();
     let in_text = |counts| register.units.in_text(counts);
     let shown = register.state.shown(&register.settings);
     Some(match event {
@@ -30,7 +36,7 @@ pub(super) fn event(register: &Register, output: &str, event: output::Event, clo
             Event::ForeignChange { output, expected: in_text(expected), found: in_text(found) }
         }
         output::Event::NotTaken { wrote, found } => {
-            Event::VerifyFailed { output, wrote: in_text(wrote), found: in_text(found) }
+            Event::VerifyFailed { output, wrote: in_text(wrote), found: in_text(found), is_in_a_node }
         }
         output::Event::WaitingForLateWrite { seconds } => Event::WaitsForLateWrite { output, seconds },
         output::Event::AcknowledgedNotReadBack => Event::NotReadBack { output },

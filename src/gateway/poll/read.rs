@@ -140,7 +140,9 @@ impl Poll {
                     let value = value.and_then(|value| is_fit.then_some(value).ok_or(Reason::NotAsExpected));
                     let asked = answered.answer.asked(field).unwrap_or(answered.asked);
                     let asked = captured.map_or(asked, |captured| captured.min(asked));
-                    let (value, taken) = stamped.believed(answered.answer.stamped(field), value, asked);
+                    let stamp = answered.answer.stamped(field);
+                    let (value, taken) = stamped.believed(stamp, value, asked);
+                    core.contact.stamped[field.signal.0] = stamped.age(stamp);
                     core.board.store(field.signal, value, taken);
                 }
                 (Err(fault), _) | (_, &Err(fault)) => core.board.fail(field.signal, fault.reason()),

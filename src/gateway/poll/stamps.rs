@@ -5,6 +5,8 @@
 //! an hour old, whether the value or the clock is; one that is ahead says that a clock is wrong, and then nobody knows how
 //! old the value is.
 
+use std::time::Duration;
+
 use crate::fieldbus::wire::Stamped;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
@@ -17,6 +19,14 @@ pub(super) struct SourceStamps(Option<SourceTime>);
 impl SourceStamps {
     pub(super) const fn of(device: &Device) -> SourceStamps {
         SourceStamps(device.source_time)
+    }
+
+    /// How long before the answer it was taken, by its stamp; `None` where that is not looked at.
+    pub(super) fn age(self, stamped: Stamped) -> Option<Duration> {
+        match (self.0, stamped) {
+            (Some(SourceTime::Sampled), Stamped::Ago(age)) => Some(age),
+            _ => None,
+        }
     }
 
     /// The value with the moment at which it was taken, of a question that left then.
@@ -36,8 +46,6 @@ impl SourceStamps {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
-
     use super::*;
 
     const HOUR: Duration = Duration::from_hours(1);

@@ -146,8 +146,15 @@ impl Event {
                 "saturated",
                 format!("output {output}: {wanted} does not fit the register and was cut"),
             ),
-            Event::VerifyFailed { output, wrote, found } => {
-                error("verify-failed", format!("output {output}: wrote {wrote}, read back {found}"))
+            Event::VerifyFailed { output, wrote, found, is_in_a_node } => {
+                let why = match is_in_a_node {
+                    true => {
+                        ": the server said Good and kept the old value: does something else write it, is writing \
+                         released?"
+                    }
+                    false => "",
+                };
+                error("verify-failed", format!("output {output}: wrote {wrote}, read back {found}{why}"))
             }
             Event::NotApplied { output, stands, applies, register } => error(
                 "not-applied",

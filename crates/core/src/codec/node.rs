@@ -24,9 +24,9 @@ pub enum Identifier {
     Number(u32),
     /// `s=`
     Text(String),
-    /// `g=`, five groups of hexadecimal digits.
+    /// `g=`, five groups of hexadecimal digits, in small letters.
     Guid(String),
-    /// `b=`, in Base64.
+    /// `b=`, in Base64, of which each node has one form alone.
     Opaque(String),
 }
 
@@ -111,10 +111,14 @@ impl FromStr for NodeId {
             "i" => Identifier::Number(name.parse().map_err(|_| format!("`{name}` is no number of 32 bits"))?),
             "s" if name.is_empty() => return Err(format!("`{text}` has no name behind `s=`")),
             "s" => Identifier::Text(name.to_owned()),
-            "g" if is_guid(name) => Identifier::Guid(name.to_owned()),
+            "g" if is_guid(name) => Identifier::Guid(name.to_ascii_lowercase()),
             "g" => return Err(format!("`{name}` is no GUID")),
-            "b" if is_base64(name) => Identifier::Opaque(name.to_owned()),
-            "b" => return Err(format!("`{name}` is no Base64")),
+            "b" if !is_base64(name) => return Err(format!("`{name}` is no Base64")),
+            "b" if !ends_in_whole_bytes(name) => {
+                return Err(format!("`{name}` is no Base64: bits of its last digit belong to no byte"));
+            }
+            "b" => Identifier::Opaque(name.to_owned()),
+            "nsu" => return Err("a namespace is written by its index, as `ns=2;s=name`".to_owned()),
             _ => return Err(format!("`{kind}=` is no kind of node; allowed: i, s, g, b")),
         };
         Ok(NodeId { namespace, identifier })
@@ -136,6 +140,15 @@ fn is_base64(text: &str) -> bool {
         && text.len().is_multiple_of(4)
         && text.len() - digits.len() <= 2
         && digits.bytes().all(is_digit)
+}
+
+/// What is filled up behind the last byte is zero, as in the one form that a server sends.
+fn ends_in_whole_bytes(base64: &str) -> bool {
+    const DIGITS: &[u8] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let digits = base64.trim_end_matches('=');
+    let last = digits.bytes().last().and_then(|last| DIGITS.iter().position(|digit| *digit == last));
+    let beyond = [0, 3, 15].get(base64.len() - digits.len());
+    last.zip(beyond).is_some_and(|(last, beyond)| last & beyond == 0)
 }
 
 impl fmt::Display for NodeId {
@@ -189,10 +202,22 @@ mod tests {
             ("ns=2;x=1", "allowed: i, s, g, b"),
             ("g=09087e75", "no GUID"),
             ("b=M/R", "no Base64"),
+            ("b=QR==", "bits of its last digit"),
+            ("b=QUF=", "bits of its last digit"),
+            ("nsu=urn:plc;s=offset", "by its index, as `ns=2;"),
         ] {
             let why = text.parse::<NodeId>().unwrap_err();
             assert!(why.contains(word), "{text}: {why}");
         }
+    }
+
+    #[test]
+    fn one_node_is_one_name_however_its_guid_is_written() {
+        let node = |text: &str| text.parse::<NodeId>().unwrap();
+        let small = node("ns=1;g=09087e75-8e5e-499b-954f-f2a9603db28a");
+        assert_eq!(node("ns=1;g=09087E75-8E5E-499B-954F-F2A9603DB28A"), small);
+        assert_eq!(node("b=QQ==").to_string(), "b=QQ==");
+        assert_eq!(node("b=QUE=").to_string(), "b=QUE=");
     }
 
     #[test]

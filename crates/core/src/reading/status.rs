@@ -6,8 +6,12 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Status(pub u32);
 
-/// The codes that a reader or a writer of values meets, as Part 6 of the specification numbers them.
-const NAMES: [(u32, &str); 42] = [
+/// The codes that a reader or a writer of values and a subscriber meet, as Part 6 of the specification numbers them.
+const NAMES: [(u32, &str); 102] = [
+    (0x0000, "Good"),
+    (0x002f, "GoodOverload"),
+    (0x0030, "GoodClamped"),
+    (0x0096, "GoodLocalOverride"),
     (0x4000, "Uncertain"),
     (0x408f, "UncertainNoCommunicationLastUsableValue"),
     (0x4090, "UncertainLastUsableValue"),
@@ -22,10 +26,30 @@ const NAMES: [(u32, &str); 42] = [
     (0x8003, "BadOutOfMemory"),
     (0x8004, "BadResourceUnavailable"),
     (0x8005, "BadCommunicationError"),
+    (0x8006, "BadEncodingError"),
+    (0x8007, "BadDecodingError"),
+    (0x8008, "BadEncodingLimitsExceeded"),
     (0x800a, "BadTimeout"),
     (0x800b, "BadServiceUnsupported"),
+    (0x800c, "BadShutdown"),
+    (0x800e, "BadServerHalted"),
+    (0x800f, "BadNothingToDo"),
     (0x8010, "BadTooManyOperations"),
+    (0x8012, "BadCertificateInvalid"),
+    (0x8013, "BadSecurityChecksFailed"),
+    (0x8014, "BadCertificateTimeInvalid"),
+    (0x801a, "BadCertificateUntrusted"),
     (0x801f, "BadUserAccessDenied"),
+    (0x8020, "BadIdentityTokenInvalid"),
+    (0x8021, "BadIdentityTokenRejected"),
+    (0x8022, "BadSecureChannelIdInvalid"),
+    (0x8023, "BadInvalidTimestamp"),
+    (0x8024, "BadNonceInvalid"),
+    (0x8025, "BadSessionIdInvalid"),
+    (0x8026, "BadSessionClosed"),
+    (0x8027, "BadSessionNotActivated"),
+    (0x8028, "BadSubscriptionIdInvalid"),
+    (0x802b, "BadTimestampsToReturnInvalid"),
     (0x8031, "BadNoCommunication"),
     (0x8032, "BadWaitingForInitialData"),
     (0x8033, "BadNodeIdInvalid"),
@@ -33,13 +57,43 @@ const NAMES: [(u32, &str); 42] = [
     (0x8035, "BadAttributeIdInvalid"),
     (0x8036, "BadIndexRangeInvalid"),
     (0x8037, "BadIndexRangeNoData"),
+    (0x8038, "BadDataEncodingInvalid"),
+    (0x8039, "BadDataEncodingUnsupported"),
     (0x803a, "BadNotReadable"),
     (0x803b, "BadNotWritable"),
     (0x803c, "BadOutOfRange"),
     (0x803d, "BadNotSupported"),
     (0x803e, "BadNotFound"),
+    (0x8040, "BadNotImplemented"),
+    (0x8041, "BadMonitoringModeInvalid"),
+    (0x8042, "BadMonitoredItemIdInvalid"),
+    (0x8043, "BadMonitoredItemFilterInvalid"),
+    (0x8044, "BadMonitoredItemFilterUnsupported"),
+    (0x8045, "BadFilterNotAllowed"),
+    (0x804a, "BadContinuationPointInvalid"),
+    (0x804b, "BadNoContinuationPoints"),
+    (0x8054, "BadSecurityModeRejected"),
+    (0x8055, "BadSecurityPolicyRejected"),
+    (0x8056, "BadTooManySessions"),
+    (0x8057, "BadUserSignatureInvalid"),
+    (0x8058, "BadApplicationSignatureInvalid"),
     (0x8073, "BadWriteNotSupported"),
     (0x8074, "BadTypeMismatch"),
+    (0x8077, "BadTooManySubscriptions"),
+    (0x8078, "BadTooManyPublishRequests"),
+    (0x8079, "BadNoSubscription"),
+    (0x807a, "BadSequenceNumberUnknown"),
+    (0x807b, "BadMessageNotAvailable"),
+    (0x807d, "BadTcpServerTooBusy"),
+    (0x807e, "BadTcpMessageTypeInvalid"),
+    (0x807f, "BadTcpSecureChannelUnknown"),
+    (0x8080, "BadTcpMessageTooLarge"),
+    (0x8081, "BadTcpNotEnoughResources"),
+    (0x8082, "BadTcpInternalError"),
+    (0x8083, "BadTcpEndpointUrlInvalid"),
+    (0x8085, "BadRequestTimeout"),
+    (0x8086, "BadSecureChannelClosed"),
+    (0x8088, "BadSequenceNumberInvalid"),
     (0x8089, "BadConfigurationError"),
     (0x808a, "BadNotConnected"),
     (0x808b, "BadDeviceFailure"),
@@ -48,7 +102,13 @@ const NAMES: [(u32, &str); 42] = [
     (0x809d, "BadDataLost"),
     (0x80ae, "BadConnectionClosed"),
     (0x80af, "BadInvalidState"),
+    (0x80b8, "BadRequestTooLarge"),
+    (0x80b9, "BadResponseTooLarge"),
+    (0x80db, "BadTooManyMonitoredItems"),
     (0x80e4, "BadRequestNotAllowed"),
+    (0x80e6, "BadSecurityModeInsufficient"),
+    (0x80e9, "BadLocked"),
+    (0x80ee, "BadServerTooBusy"),
     (0x8110, "BadLicenseNotAvailable"),
 ];
 
@@ -61,6 +121,8 @@ impl Status {
     pub const NOT_WRITABLE: Status = Status(0x803b_0000);
     /// BadOutOfRange.
     pub const OUT_OF_RANGE: Status = Status(0x803c_0000);
+    /// BadWriteNotSupported.
+    pub const WRITE_NOT_SUPPORTED: Status = Status(0x8073_0000);
     /// BadTypeMismatch.
     pub const TYPE_MISMATCH: Status = Status(0x8074_0000);
 
@@ -107,5 +169,6 @@ mod tests {
         assert_eq!(Status(0x801f_0480).to_string(), "BadUserAccessDenied");
         assert!(Status(0x801f_0480).is(Status::ACCESS_DENIED));
         assert_eq!(Status(0x8123_0000).to_string(), "status 81230000h");
+        assert_eq!(Status(0).to_string(), "Good");
     }
 }

@@ -244,7 +244,7 @@ impl RawBus {
             at.key("timeout").duration(self.timeout).unwrap_or_else(|| at.check.periods.timeout(name));
         let Some(kind) = self.kind else {
             // Wrong itself: what is written all the same is looked at.
-            self.address.as_ref().and_then(|_| self.host_and_port(at));
+            self.address.as_ref().filter(|_| !self.is_at_a_server()).and_then(|_| self.host_and_port(at));
             self.interface.as_ref().and_then(|_| self.interface(at));
             self.late(&at.key("late"), timeout, LATE.max(timeout));
             return None;
@@ -291,6 +291,15 @@ impl RawBus {
             quirks,
             sync,
         })
+    }
+
+    /// What its devices understand; where its type is wrong, what its address says.
+    pub(super) fn line_kind(&self) -> Option<LineKind> {
+        self.kind.map(BusType::kind).or_else(|| self.is_at_a_server().then_some(LineKind::OpcUa))
+    }
+
+    fn is_at_a_server(&self) -> bool {
+        self.address.as_ref().is_some_and(|address| address.starts_with(opcua::SCHEME))
     }
 
     fn pipeline(&self, at: &At<'_>, quirks: Quirks) -> u8 {

@@ -99,6 +99,14 @@ pub(super) fn holds(at: &At<'_>, node: &Node, most: u16) -> Option<()> {
     None
 }
 
+/// What a scale is the worth of: a node with a floating-point number has no counts.
+pub(super) fn one_of(address: &Address) -> &'static str {
+    match address.node().map(|node| node.taken_as().integer_range()) {
+        Some(None) => "unit",
+        _ => "count",
+    }
+}
+
 /// The types that a node may have, as a profile names them.
 pub(super) const TYPES: &str =
     "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; a browser of the server shows which";
@@ -135,10 +143,23 @@ pub(super) fn read(at: &At<'_>, text: Option<&String>, kind: Option<TypeWord>) -
 
 /// The node of an output, which is written in its own type.
 pub(super) fn written(at: &At<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
+    typed(at, text, kind, ("which node is written?", "a server takes a value in the node's own type only"))
+}
+
+/// The node of a check, which is read in its own type.
+pub(super) fn compared(at: &At<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
+    typed(at, text, kind, ("which node is read?", "it is compared in the node's own type"))
+}
+
+fn typed(
+    at: &At<'_>,
+    text: Option<&String>,
+    kind: Option<TypeWord>,
+    (which, why): (&str, &str),
+) -> Option<Node> {
     if kind.is_none() {
-        let message = "`type` is missing: a server takes a value in the node's own type only";
-        at.key("type").missing(message, TYPES);
+        at.key("type").missing(format!("`type` is missing: {why}"), TYPES);
     }
-    let (id, data_type) = (id(at, text, "which node is written?"), node_type(at, kind));
+    let (id, data_type) = (id(at, text, which), node_type(at, kind));
     Some(Node { id: id?, data_type: Some(data_type.ok()??) })
 }

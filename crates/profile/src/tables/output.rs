@@ -171,7 +171,7 @@ impl Output {
             false => format!("  {name}: {register} of {device_name}, {data_type}"),
         };
         line.extend(word_order.iter().map(|order| format!(" {order}")));
-        line += &format!(", {scale} {unit} per count");
+        line += &format!(", {scale} {unit} per {}", opcua::one_of(&self.address));
         if encoding.bias != 0 {
             line += &format!(", bias {}", encoding.bias);
         }

@@ -186,14 +186,20 @@ impl Signal {
         let shown = labelled(name, &self.label);
         let mut line = match register.is_in_frames() {
             true => format!("  {shown}: {register}, from {device}"),
-            false => format!("  {shown}: {register} of {device}, {data_type}"),
+            false => match self.address.node() {
+                Some(node) if node.data_type.is_none() => {
+                    format!("  {shown}: {register} of {device}, the node's own type")
+                }
+                _ => format!("  {shown}: {register} of {device}, {data_type}"),
+            },
         };
         let word_order = register::shown_order(&self.address, encoding);
         line.extend(word_order.iter().map(|order| format!(" {order}")));
         if data_type != "bool" {
             let unit = unit.to_string();
             let space = if unit.is_empty() { "" } else { " " };
-            line += &format!(", {scale}{space}{unit} per count");
+            let each = opcua::one_of(&self.address);
+            line += &format!(", {scale}{space}{unit} per {each}");
         }
         if encoding.offset.abs() > 0.0 {
             line += &format!(", plus {}", encoding.offset);

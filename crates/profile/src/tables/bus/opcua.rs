@@ -4,6 +4,7 @@
 //! whoever opens the line.
 
 use std::fmt;
+use std::net::{Ipv4Addr, Ipv6Addr};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -11,11 +12,11 @@ use serde::{Deserialize, Serialize};
 use super::RawBus;
 use crate::document::Section;
 use crate::error::ProfileError;
-use crate::tables::{At, host_of};
+use crate::tables::At;
 
 /// The port that the OPC Foundation has for it.
 const PORT: u16 = 4840;
-const SCHEME: &str = "opc.tcp://";
+pub(super) const SCHEME: &str = "opc.tcp://";
 
 /// What protects the messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
@@ -170,27 +171,66 @@ pub(super) fn address(raw: &RawBus, at: &At<'_>) -> Option<String> {
         at.missing("`address` is missing: where is the server?", help);
         return None;
     };
-    let Some(rest) = address.strip_prefix(SCHEME) else {
-        let host = address.rsplit("://").next().unwrap_or_default();
+    server_url(address).map_err(|(message, help)| at.wrong(message, help)).ok()
+}
+
+/// The URL of a server, with its port.
+///
+/// # Errors
+/// What is wrong, and how it is written.
+pub fn server_url(text: &str) -> Result<String, (String, String)> {
+    let example = format!("\"{SCHEME}192.168.214.241:{PORT}\"");
+    let Some(rest) = text.strip_prefix(SCHEME) else {
+        let host = text.rsplit("://").next().unwrap_or_default().trim();
         let help = format!("write \"{SCHEME}{host}\": the gateway speaks OPC UA binary over TCP");
-        at.wrong(format!("`{address}` is no URL of an OPC UA server"), help);
-        return None;
+        return Err((format!("`{text}` is no URL of an OPC UA server"), help));
     };
-    let (host, path) = rest.split_once('/').map_or((rest, ""), |(host, path)| (host, path));
-    if host.contains('@') {
-        at.wrong("a URL in a profile names no user", "remove what stands before `@`, and write `user`");
-        return None;
+    if text.contains(char::is_whitespace) {
+        return Err((
+            format!("`{text}` has a blank in it"),
+            format!("a URL has none: write it as {example}"),
+        ));
+    }
+    let (place, path) = rest.split_once('/').unwrap_or((rest, ""));
+    if place.contains('@') {
+        let help = "remove what stands before `@`, and write `user`";
+        return Err(("a URL in a profile names no user".to_owned(), help.to_owned()));
+    }
+    if is_ipv6(place) {
+        let help = format!("an IPv6 address stands in brackets: write \"{SCHEME}[{place}]:{PORT}\"");
+        return Err((format!("`{place}` is no host and port"), help));
     }
     let path = if path.is_empty() { String::new() } else { format!("/{path}") };
-    if host_of(host).is_some() {
-        return Some(format!("{SCHEME}{host}{path}"));
+    match host_and_port(place) {
+        Some((host, port)) => Ok(format!("{SCHEME}{host}:{port}{path}")),
+        None => Err((format!("`{place}` is no host and port"), format!("write host and port, as {example}"))),
     }
-    if host.is_empty() || host.contains(':') {
-        let help = format!("write host and port, as \"{SCHEME}192.168.214.241:{PORT}\"");
-        at.wrong(format!("`{host}` is no host and port"), help);
-        return None;
-    }
-    Some(format!("{SCHEME}{host}:{PORT}{path}"))
+}
+
+/// Both, where they can be; the usual port where none is written.
+fn host_and_port(place: &str) -> Option<(&str, u16)> {
+    let end = match place.strip_prefix('[') {
+        Some(rest) => rest.find(']').filter(|end| is_ipv6(&rest[..*end]))? + 2,
+        None => place.find(':').unwrap_or(place.len()),
+    };
+    let (host, port) = place.split_at(end);
+    let is_of_a_name = |one: char| one.is_alphanumeric() || matches!(one, '-' | '.' | '_');
+    let is_numbers = host.contains('.') && host.chars().all(|one| one.is_ascii_digit() || one == '.');
+    let is_host = host.starts_with('[')
+        || (!host.is_empty()
+            && host.chars().all(is_of_a_name)
+            && (!is_numbers || host.parse::<Ipv4Addr>().is_ok()));
+    let port = match port {
+        "" => PORT,
+        port => port.strip_prefix(':')?.parse().ok().filter(|port| *port > 0)?,
+    };
+    is_host.then_some((host, port))
+}
+
+/// With the number of an interface, where one is written: `fe80::1%2`.
+fn is_ipv6(text: &str) -> bool {
+    let (address, interface) = text.split_once('%').unwrap_or((text, "0"));
+    address.parse::<Ipv6Addr>().is_ok() && interface.parse::<u32>().is_ok()
 }
 
 /// How the server of an opcua line is spoken to.
@@ -210,7 +250,7 @@ pub(super) fn resolve(raw: &RawBus, at: &At<'_>) -> Option<OpcUa> {
         let help = "remove it, or write security = \"sign-and-encrypt\"";
         at.foreign(&["cert", "key", "trusted"], "a secured line", help);
         if let Some(User::Named { .. }) = user {
-            let message = "nothing is encrypted: what is sent in this user's name may be changed by whoever is on the network";
+            let message = "nothing is encrypted: anybody on the network may read the password, and change what is sent in this user's name";
             at.key("security").warn(message, "write \"sign-and-encrypt\", if the server can do it");
         }
         return Some(OpcUa { user: user?, type_at, ..OpcUa::plain() });
@@ -274,6 +314,7 @@ fn trusted(at: &At<'_>, directory: Option<&String>) -> Option<Vec<NamedFile>> {
     let help = "name a directory with the certificates of the servers that are trusted, each in a file of its own that \
                 ends in .der, .crt or .pem";
     let Some(directory) = directory else {
+        let help = format!("{help}; `isotherm opcua trust PROFILE` makes it, and fills it");
         at.missing("`trusted` is missing: whose certificates are taken?", help);
         return None;
     };

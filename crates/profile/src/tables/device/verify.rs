@@ -152,7 +152,7 @@ impl RawVerify {
     pub(super) fn node(&self, at: &At<'_>) -> Option<Expected> {
         let help = "remove it, and write node = \"ns=2;s=…\"";
         at.foreign(&["register", "word_order", "sdo"], "another kind of line", help);
-        let node = opcua::written(at, self.node.as_ref(), self.kind)?;
+        let node = opcua::compared(at, self.node.as_ref(), self.kind)?;
         let data_type = node.taken_as();
         let equals = self.equal(at, data_type)?;
         Some(self.expected(Address::Node(node), plain(data_type), equals))
