@@ -148,7 +148,7 @@ fn the_nodes_of_sets_and_of_the_heartbeat_are_looked_at_as_well() {
     let home = tempfile::tempdir().unwrap();
     let set = "[set.offsets]\nheartbeat = { node = \"ns=2;s=beat\", type = \"i16\" }\ncontrol = { node = \"ns=2;s=control\", type = \
                \"u16\" }\nversion = { node = \"ns=2;s=version\", type = \"u8\", value = 17 }\nhandshake = { strobe = { node = \
-               \"ns=2;s=strobe\", type = \"bool\" }, acknowledge = { node = \"ns=2;s=taken\" }, timeout = \"600ms\" }\n";
+               \"ns=2;s=strobe\", type = \"bool\" }, acknowledge = { node = \"ns=2;s=taken\" }, timeout = \"2s\" }\n";
     let life = "[heartbeat]\ndevice = \"cnc\"\nnode = \"ns=2;s=life\"\ntype = \"i16\"\nevery = \"500ms\"\n";
     let text =
         machine(server.port, "").replace("writes = \"offset\"", "writes = \"offset\"\nset = \"offsets\"");
