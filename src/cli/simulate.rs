@@ -66,12 +66,24 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             let is = match bus.transport {
                 Transport::Serial(_) => "is the serial port",
                 Transport::Can => "is on the CAN interface",
-                Transport::OpcUa => "is not played at",
+                Transport::OpcUa | Transport::Sysfs => "is not played at",
                 Transport::Tcp | Transport::RtuOverTcp => "listens on",
             };
             say!("bus {name} {is} {address}: {}", devices.join(", "))?;
             if matches!(bus.transport, Transport::Serial(_)) && *address != bus.address {
                 say!("  the gateway finds it with --set bus.{name}.port={address}")?;
+            }
+        }
+        for bus in profile.buses.iter() {
+            match bus.transport {
+                Transport::OpcUa => say!("bus {} is not played: no OPC UA server is at {}", bus.name, bus.address)?,
+                Transport::Sysfs => say!(
+                    "bus {} is not played: the gateway reads the real sensors in {} (another directory: --set bus.{}.address=DIRECTORY)",
+                    bus.name,
+                    bus.address,
+                    bus.name
+                )?,
+                _ => {}
             }
         }
         say!("stop with Ctrl-C")?;

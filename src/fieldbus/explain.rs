@@ -101,6 +101,10 @@ const fn remedy_at_a_server(fault: Fault) -> Option<&'static str> {
     })
 }
 
+/// The same of sensors of this computer, where nothing else can fail as a whole.
+const AT_THIS_COMPUTER: &str = "their driver does not come back: is an adapter or a cable unplugged, does a 1-Wire sensor answer with a wrong \
+                                checksum, which the kernel repeats for seconds? `dmesg` says more; each is asked again once it is back";
+
 /// What is wrong, and what to do.
 pub fn explain(fault: Fault) -> String {
     said(fault, remedy(fault))
@@ -108,7 +112,12 @@ pub fn explain(fault: Fault) -> String {
 
 /// The same in the words of the line that it happened on.
 pub fn explain_on(line: Transport, fault: Fault) -> String {
-    said(fault, if line == Transport::OpcUa { remedy_at_a_server(fault) } else { remedy(fault) })
+    let remedy = match line {
+        Transport::OpcUa => remedy_at_a_server(fault),
+        Transport::Sysfs => Some(AT_THIS_COMPUTER),
+        _ => remedy(fault),
+    };
+    said(fault, remedy)
 }
 
 fn said(fault: Fault, remedy: Option<&str>) -> String {
@@ -183,6 +192,8 @@ mod tests {
                 assert!(!said.contains(word), "{said}");
             }
             assert_eq!(explain_on(Transport::Tcp, fault), explain(fault));
+            let said = explain_on(Transport::Sysfs, fault);
+            assert!(said.contains("dmesg") && !said.contains("register"), "{said}");
         }
     }
 
