@@ -54,7 +54,7 @@ fn of_several_chips_of_one_name_the_device_says_which() {
     tree.iio(0, "mcp9808", "i2c-1/1-0018", &[("in_temp_raw", "400"), ("in_temp_scale", "62.5")]);
     assert_eq!(found(&tree, "hwmon:lm75/temp1"), Err(Reason::SeveralFound));
     assert_eq!(found(&tree, "hwmon:lm75@1-0049/temp1"), Ok("/class/hwmon/hwmon1/temp1_input".to_owned()));
-    assert_eq!(found(&tree, "iio:mcp9808@1-0018"), Ok("/bus/iio/devices/iio:device0/in_temp_raw".to_owned()));
+    assert_eq!(found(&tree, "iio:mcp9808@1-0018"), Ok("/bus/iio/devices/iio:device0/in_temp_*".to_owned()));
     let names: Vec<String> = all(tree.root()).iter().map(|present| present.sensor.to_string()).collect();
     assert_eq!(names, ["hwmon:lm75@1-0048/temp1", "hwmon:lm75@1-0049/temp1", "iio:mcp9808/temp"]);
     for name in names {

@@ -10,6 +10,7 @@ fn a_line_is_read_as_people_type_it() {
         ("tcp://[fe80::1]:503", "tcp://[fe80::1]:503"),
         ("rtu+tcp://10.0.0.7:4001", "rtu+tcp://10.0.0.7:4001"),
         ("rtu:///dev/ttyUSB0", "/dev/ttyUSB0 at 9600 baud 8N1"),
+        ("/sys", "/sys"),
         ("rtu:///dev/ttyS1?baud=1200&parity=even&stop_bits=2", "/dev/ttyS1 at 1200 baud 8E2"),
     ] {
         assert_eq!(

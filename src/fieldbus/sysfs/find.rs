@@ -21,12 +21,12 @@ pub enum Files {
     OneWire(PathBuf),
 }
 
-/// The file whose content is the temperature, or the raw count of it.
+/// The file that is read, or of IIO the several.
 impl fmt::Display for Files {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Files::Hwmon(chip, channel) => write!(f, "{}/{channel}_input", chip.display()),
-            Files::Iio(chip, channel) => write!(f, "{}/in_{channel}_raw", chip.display()),
+            Files::Iio(chip, channel) => write!(f, "{}/in_{channel}_*", chip.display()),
             Files::OneWire(directory) => write!(f, "{}/w1_slave", directory.display()),
         }
     }
@@ -50,11 +50,14 @@ pub struct Present {
 /// # Errors
 /// There is none of this name, or there are several.
 pub fn find(root: &Path, sensor: &PcSensor) -> Result<Files, Reason> {
-    if let PcSensor::OneWire(id) = sensor {
-        let directory = one_wire(root).join(id);
-        return if directory.is_dir() { Ok(Files::OneWire(directory)) } else { Err(Reason::NotFound) };
-    }
-    let mut found = present(root).into_iter().filter(|present| present.is(sensor));
+    let chip = match sensor {
+        PcSensor::Hwmon(Channel { chip, .. }) | PcSensor::Iio(Channel { chip, .. }) => chip,
+        PcSensor::OneWire(id) => {
+            let directory = one_wire(root).join(id);
+            return if directory.is_dir() { Ok(Files::OneWire(directory)) } else { Err(Reason::NotFound) };
+        }
+    };
+    let mut found = on_chips(root, Some(chip)).into_iter().filter(|present| present.is(sensor));
     match (found.next(), found.next()) {
         (Some(one), None) => Ok(one.files),
         (None, _) => Err(Reason::NotFound),
@@ -64,7 +67,11 @@ pub fn find(root: &Path, sensor: &PcSensor) -> Result<Files, Reason> {
 
 /// Every temperature that this computer has, each by the shortest name that is its own.
 pub fn all(root: &Path) -> Vec<Present> {
-    let found = present(root);
+    let one_wire = entries(&one_wire(root)).into_iter().filter_map(|directory| {
+        let sensor: PcSensor = format!("w1:{}", name_of(&directory)?).parse().ok()?;
+        Some(Present::new(sensor, Files::OneWire(directory), String::new()))
+    });
+    let found: Vec<Present> = on_chips(root, None).into_iter().chain(one_wire).collect();
     let mut named: Vec<Present> = Vec::new();
     for present in &found {
         let names = present.names();
@@ -115,42 +122,42 @@ impl Present {
     }
 }
 
-/// Every temperature, by all of its names.
-fn present(root: &Path) -> Vec<Present> {
-    let hwmon = directories(&root.join("class/hwmon")).into_iter().flat_map(|chip| {
-        let device = chip.join("device");
+/// Every temperature of chips by all of its names: of those that are called so, or of all.
+fn on_chips(root: &Path, only: Option<&str>) -> Vec<Present> {
+    let hwmon = chips(&root.join("class/hwmon"), only).into_iter().flat_map(|(name, chip)| {
+        let device = last_of(&chip.join("device"));
         let channels =
             channels(&chip, |file| file.strip_suffix("_input").filter(|name| name.starts_with("temp")));
-        channels.into_iter().filter_map(move |driver| {
-            let label = text(&chip.join(format!("{driver}_label")));
-            let channel = Some(label.unwrap_or_else(|| driver.clone()));
-            let sensor = PcSensor::Hwmon(Channel {
-                chip: text(&chip.join("name")).filter(|name| name != PcSensor::ONE_WIRE_IN_HWMON)?,
-                device: last_of(&device),
-                channel,
-            });
-            Some(Present::new(sensor, Files::Hwmon(chip.clone(), driver.clone()), driver))
+        channels.into_iter().map(move |driver| {
+            let channel = label(&chip.join(format!("{driver}_label")), &driver);
+            let own = Channel { chip: name.clone(), device: device.clone(), channel };
+            Present::new(PcSensor::Hwmon(own), Files::Hwmon(chip.clone(), driver.clone()), driver)
         })
     });
-    let iio = directories(&root.join("bus/iio/devices")).into_iter().flat_map(|chip| {
+    let iio = chips(&root.join("bus/iio/devices"), only).into_iter().flat_map(|(name, chip)| {
         let device = chip.canonicalize().ok().and_then(|real| last_of(real.parent()?));
         let channels = channels(&chip, |file| {
             let value = file.strip_suffix("_raw").or(file.strip_suffix("_input"))?;
             value.strip_prefix("in_").filter(|name| name.starts_with("temp"))
         });
-        channels.into_iter().filter_map(move |driver| {
-            let label = text(&chip.join(format!("in_{driver}_label")));
-            let channel = Some(label.unwrap_or_else(|| driver.clone()));
-            let sensor =
-                PcSensor::Iio(Channel { chip: text(&chip.join("name"))?, device: device.clone(), channel });
-            Some(Present::new(sensor, Files::Iio(chip.clone(), driver.clone()), driver))
+        channels.into_iter().map(move |driver| {
+            let channel = label(&chip.join(format!("in_{driver}_label")), &driver);
+            let own = Channel { chip: name.clone(), device: device.clone(), channel };
+            Present::new(PcSensor::Iio(own), Files::Iio(chip.clone(), driver.clone()), driver)
         })
     });
-    let one_wire = directories(&one_wire(root)).into_iter().filter_map(|directory| {
-        let sensor: PcSensor = format!("w1:{}", name_of(&directory)?).parse().ok()?;
-        Some(Present::new(sensor, Files::OneWire(directory), String::new()))
-    });
-    hwmon.chain(iio).chain(one_wire).collect()
+    hwmon.chain(iio).collect()
+}
+
+/// The chips of a class with their names: those that are called so, or all.
+fn chips(class: &Path, only: Option<&str>) -> Vec<(String, PathBuf)> {
+    let named = entries(class).into_iter().filter_map(|chip| Some((text(&chip.join("name"))?, chip)));
+    let is_asked_for = |name: &str| only.map_or(name != PcSensor::ONE_WIRE_IN_HWMON, |only| only == name);
+    named.filter(|(name, _)| is_asked_for(name)).collect()
+}
+
+fn label(file: &Path, driver: &str) -> Option<String> {
+    Some(text(file).unwrap_or_else(|| driver.to_owned()))
 }
 
 fn one_wire(root: &Path) -> PathBuf {
@@ -158,7 +165,7 @@ fn one_wire(root: &Path) -> PathBuf {
 }
 
 /// What lies in there, by name.
-fn directories(place: &Path) -> Vec<PathBuf> {
+fn entries(place: &Path) -> Vec<PathBuf> {
     let entries = read_dir(place).into_iter().flatten().flatten();
     let mut found: Vec<PathBuf> = entries.take(MOST_CHIPS).map(|entry| entry.path()).collect();
     found.sort();
@@ -167,10 +174,9 @@ fn directories(place: &Path) -> Vec<PathBuf> {
 
 /// The channels of a chip, by the names of its files.
 fn channels(chip: &Path, of: impl Fn(&str) -> Option<&str>) -> Vec<String> {
-    let files = directories(chip);
+    let files = entries(chip);
     let mut found: Vec<String> =
         files.iter().filter_map(|file| of(file.file_name()?.to_str()?).map(str::to_owned)).collect();
-    found.dedup();
     found.sort();
     found.dedup();
     found
