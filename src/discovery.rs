@@ -3,6 +3,7 @@
 //! - [`bus`] — a line in one word: `tcp://192.168.0.10:502`.
 //! - [`ask`] — one question at a time, on the same [`crate::fieldbus::line`] that the gateway uses.
 //! - [`can`] — the interface of a CAN line, as the kernel has it.
+//! - [`sysfs`] — the sensors of this computer: which there are, and which of a profile there are not.
 //! - `opcua` — an OPC UA server, by feature: what it offers, its certificate, its nodes.
 //! - [`mod@pipeline`] — whether a device bears two questions at a time.
 //! - [`scan`] — which units answer; [`walk`] — which registers a unit has.
@@ -17,6 +18,7 @@ pub mod opcua;
 pub mod pipeline;
 pub mod remedy;
 pub mod scan;
+pub mod sysfs;
 pub mod values;
 pub mod walk;
 

@@ -8,6 +8,7 @@
 //! - [`can`] — one CAN interface: frames, error frames, its state, what is asked and written there.
 //! - `opcua` — an OPC UA server, by feature; [`opcua_fault`] — why none can be spoken to;
 //!   [`opcua_check`] — what is wrong with such a line in a profile.
+//! - [`sysfs`] — the sensors of this computer, each read on a thread of its own.
 //! - [`tcp`] — sockets that keep nothing back, and Modbus TCP on them; [`tls`] — the same inside TLS.
 //! - [`mod@error`] — what can be wrong, by who is to blame; [`mod@explain`] — what to do about it, in the words that people read.
 //! - [`owed`] — what a unit may still say after a miss on a serial line, and what it may be asked meanwhile.
@@ -35,6 +36,7 @@ pub mod port;
 mod request;
 pub mod rtu;
 pub mod serial;
+pub mod sysfs;
 pub mod tcp;
 pub mod tls;
 pub mod trace;
@@ -42,7 +44,7 @@ pub mod wire;
 
 use isotherm_profile::{Bus, Transport};
 
-/// What opens the connections of a Modbus line or to an OPC UA server, by what the line is made of. `None` for a CAN
+/// What opens the connections of a Modbus line, to an OPC UA server or to the sensors of this computer, by what the line is made of. `None` for a CAN
 /// interface: it is listened to before anything is asked there, and who listens opens it.
 pub fn dial(bus: &Bus) -> Option<Box<dyn connection::Dial>> {
     if bus.transport == Transport::OpcUa {
@@ -50,6 +52,9 @@ pub fn dial(bus: &Bus) -> Option<Box<dyn connection::Dial>> {
         return Some(Box::new(opcua::OpcUaDial::new(bus)?));
         #[cfg(not(feature = "opcua"))]
         return Some(Box::new(connection::NotBuiltIn));
+    }
+    if bus.transport == Transport::Sysfs {
+        return Some(Box::new(sysfs::SysfsDial::new(bus)));
     }
     Some(Box::new(connection::ModbusDial::new(bus)?))
 }

@@ -235,8 +235,8 @@ impl VirtualMachine {
                     machine.keep(path.clone(), port::serve(name, serial, line, switched, stop));
                     (path, gate)
                 }
-                // No server of OPC UA is played: its devices are left out.
-                Transport::OpcUa => continue,
+                // No server of OPC UA is played, and no sensor of this computer: their devices are left out.
+                Transport::OpcUa | Transport::Sysfs => continue,
                 Transport::Can => {
                     let line = machine.can_line(profile, index, begin);
                     let wanted = machine.shared.hardware().can_wanted(&line.places);

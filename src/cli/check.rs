@@ -8,7 +8,7 @@ use super::{ProfileArguments, gauge, load_quietly, print_json, warned};
 use crate::cli::say::{say, say_all, say_beside};
 #[cfg(feature = "opcua")]
 use crate::discovery::opcua;
-use crate::discovery::{can, pipeline};
+use crate::discovery::{can, pipeline, sysfs};
 #[cfg(feature = "opcua")]
 use crate::gateway::certificates;
 use crate::gateway::{control, templates};
@@ -61,14 +61,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         // Whoever looks at its beginning only, as `head` does, has closed the pipe by the end.
         return Ok(say_all!("{preview}")?);
     }
-    let lines = can::inspect(&profile);
+    let (lines, sensors) = (can::inspect(&profile), sysfs::inspect(&profile));
     let pairs = super::runtime()?.block_on(pipeline::tried(&profile));
     #[cfg(feature = "opcua")]
     let nodes = super::runtime()?.block_on(opcua::inspect(&profile));
     let status = gauge::once(profile)?;
     if arguments.json {
-        let document =
-            serde_json::json!({ "profile": preview, "online": status, "can": lines, "pipeline": pairs });
+        let document = serde_json::json!({ "profile": preview, "online": status, "can": lines, "pipeline": pairs, "sensors": sensors });
         #[cfg(feature = "opcua")]
         let document = with(document, "nodes", &nodes)?;
         print_json(&document)?;
@@ -78,6 +77,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         for line in &lines {
             say!("  bus {}: interface {}: {}", line.bus, line.interface, line.state)?;
             line.advice.iter().try_for_each(|advice| say!("    warning: {advice}"))?;
+        }
+        for sysfs::Inspected { of, sensor, read_in, advice, .. } in &sensors {
+            let place = read_in.as_deref().unwrap_or("not read");
+            say!("  {of} at sensor {sensor}: {place}")?;
+            advice.iter().try_for_each(|advice| say!("    warning: {advice}"))?;
         }
         for pipeline::Tried { bus, device, fault } in &pairs {
             let came = fault.as_ref().map_or("both answered".to_owned(), |fault| {
@@ -91,6 +95,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     #[cfg(feature = "opcua")]
     judge(&nodes)?;
+    if let Some((sensor, advice)) = sensors.iter().find_map(|sensor| Some((sensor, sensor.advice.as_ref()?)))
+    {
+        anyhow::bail!("{} at sensor {}: {advice}", sensor.of, sensor.sensor);
+    }
     gauge::judge(&status)?;
     let unfit = pairs.iter().find(|tried| tried.fault.is_some());
     let unfit = unfit.map(|tried| format!("device {} does not bear two questions at a time", tried.device));

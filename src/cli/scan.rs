@@ -17,10 +17,12 @@ use isotherm_core::quantity::Moment;
 
 #[cfg(feature = "opcua")]
 mod endpoints;
+mod sensors;
 mod text;
 
 /// Asks every unit of a line once, for one register, and prints which answer. An exception is an answer too. Reads only.
-/// Of an OPC UA server it shows what that offers: security, users, certificate.
+/// Of an OPC UA server it shows what that offers: security, users, certificate. Of this computer it lists the temperatures that its
+/// kernel reads.
 ///
 /// A device that is there but answers nothing at all for a register it does not have is found only with another
 /// --register.
@@ -28,7 +30,7 @@ mod text;
 #[command(after_help = "Examples:\n  isotherm scan --bus tcp://192.168.0.10:502\n  isotherm scan --bus \
                   rtu:///dev/ttyUSB0 --baud 1200,9600,19200 --parity none,even --units 1..32\n  isotherm scan --bus \
                   tcp://192.168.0.10 --units 1 --registers holding:0..199\n  isotherm scan my-machine.toml --bus cell\n  \
-                  isotherm scan --bus opc.tcp://192.168.0.12")]
+                  isotherm scan --bus opc.tcp://192.168.0.12\n  isotherm scan --bus /sys")]
 pub(super) struct Arguments {
     #[command(flatten)]
     target: Target,
@@ -63,6 +65,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     #[cfg(feature = "opcua")]
     if line.bus.opcua.is_some() {
         return endpoints::run(&line, arguments.json);
+    }
+    if line.address.transport == Transport::Sysfs {
+        return sensors::run(&line, arguments.target.timeout, arguments.json);
     }
     line.has_registers()?;
     let is_serial = matches!(line.address.transport, Transport::Serial(_));

@@ -72,7 +72,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             let is = match bus.transport {
                 Transport::Serial(_) => "is the serial port",
                 Transport::Can => "is on the CAN interface",
-                Transport::OpcUa => "is not played at",
+                Transport::OpcUa | Transport::Sysfs => "is not played at",
                 Transport::Tcp | Transport::RtuOverTcp => "listens on",
             };
             say!("bus {name} {is} {address}: {}", devices.join(", "))?;
@@ -80,8 +80,17 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 say!("  the gateway finds it with --set bus.{name}.port={address}")?;
             }
         }
-        for bus in profile.buses.iter().filter(|bus| bus.transport == Transport::OpcUa) {
-            say!("bus {} is an OPC UA server, and none of those is played", bus.name)?;
+        for bus in profile.buses.iter() {
+            match bus.transport {
+                Transport::OpcUa => say!("bus {} is an OPC UA server, and none of those is played", bus.name)?,
+                Transport::Sysfs => say!(
+                    "bus {} is not played: the gateway reads the real sensors in {} (another directory: --set bus.{}.address=DIRECTORY)",
+                    bus.name,
+                    bus.address,
+                    bus.name
+                )?,
+                _ => {}
+            }
         }
         say!("stop with Ctrl-C")?;
         tokio::select! {

@@ -22,7 +22,7 @@ pub(super) struct Target {
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value, requires = "profile")]
     pub(super) set: Vec<(String, String)>,
     /// The line: tcp://192.168.0.10:502, rtu:///dev/ttyUSB0?baud=9600&parity=none, rtu+tcp://192.168.0.11:4001,
-    /// opc.tcp://192.168.0.12:4840;
+    /// opc.tcp://192.168.0.12:4840, /sys for the sensors of this computer;
     /// with a profile the name of one of its buses
     #[arg(long, value_name = "BUS")]
     pub(super) bus: Option<String>,
@@ -94,7 +94,7 @@ impl Target {
 }
 
 impl Line {
-    /// On CAN and at an OPC UA server nothing has.
+    /// On CAN, at an OPC UA server and in this computer nothing has.
     pub(super) fn has_registers(&self) -> anyhow::Result<()> {
         let (kind, instead) = match self.bus.transport {
             Transport::Can => ("a CAN line", "`isotherm read PROFILE` reads its signals"),
@@ -103,6 +103,9 @@ impl Line {
             }
             Transport::OpcUa => {
                 ("an OPC UA server", "a program with OPC UA in it, as the packages have it, is needed")
+            }
+            Transport::Sysfs => {
+                ("sensors of this computer", "`isotherm scan --bus DIRECTORY` lists them, as of /sys")
             }
             Transport::Tcp | Transport::RtuOverTcp | Transport::Serial(_) => return Ok(()),
         };

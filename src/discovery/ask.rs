@@ -49,6 +49,7 @@ impl Asker {
             template: None,
             can: None,
             source_time: None,
+            is_pc: false,
             read: ReadBy::Poll,
             verify: Vec::new(),
         };

@@ -1,5 +1,5 @@
 //! A line in one word, as people type it: `tcp://192.168.0.10:502`, `rtu:///dev/ttyUSB0?baud=9600&parity=none`,
-//! `rtu+tcp://192.168.0.11:4001`, `opc.tcp://192.168.0.12:4840`.
+//! `rtu+tcp://192.168.0.11:4001`, `opc.tcp://192.168.0.12:4840`; `/sys` is where this computer's own sensors are.
 
 use std::fmt;
 use std::str::FromStr;
@@ -19,7 +19,7 @@ const SHIPPED_WITH: Serial = Serial { baud: 9600, parity: Parity::None, stop_bit
 pub struct LineAddress {
     /// What it is made of.
     pub transport: Transport,
-    /// Host and port, or the path of the serial port.
+    /// Host and port, the path of the serial port, or the directory of the kernel's sensors.
     pub address: String,
 }
 
@@ -62,6 +62,7 @@ impl LineAddress {
             Transport::Serial(_) => ("modbus-rtu", "port"),
             Transport::Can => ("can", "interface"),
             Transport::OpcUa => ("opcua", "address"),
+            Transport::Sysfs => ("sysfs", "address"),
         };
         let serial = match self.transport {
             Transport::Serial(Serial { baud, parity, stop_bits }) => {
@@ -80,7 +81,7 @@ impl fmt::Display for LineAddress {
             Transport::Tcp => write!(f, "tcp://{}", self.address),
             Transport::RtuOverTcp => write!(f, "rtu+tcp://{}", self.address),
             Transport::Serial(serial) => write!(f, "{} at {serial}", self.address),
-            Transport::Can | Transport::OpcUa => f.write_str(&self.address),
+            Transport::Can | Transport::OpcUa | Transport::Sysfs => f.write_str(&self.address),
         }
     }
 }
@@ -92,7 +93,10 @@ impl FromStr for LineAddress {
     /// A sentence that says how to write it.
     fn from_str(text: &str) -> Result<LineAddress, String> {
         const FORMS: &str = "write tcp://192.168.0.10:502, rtu:///dev/ttyUSB0?baud=9600&parity=none, \
-                             rtu+tcp://192.168.0.11:4001 or opc.tcp://192.168.0.12:4840";
+                             rtu+tcp://192.168.0.11:4001, opc.tcp://192.168.0.12:4840 or /sys";
+        if text.starts_with('/') && !text.starts_with("/dev/") {
+            return Ok(LineAddress { transport: Transport::Sysfs, address: text.to_owned() });
+        }
         let (scheme, rest) = text.split_once("://").ok_or_else(|| format!("`{text}` is no line; {FORMS}"))?;
         match scheme {
             "tcp" => Ok(LineAddress { transport: Transport::Tcp, address: host(rest, Some(PORT))? }),

@@ -53,14 +53,14 @@ enum Over {
 
 impl ModbusDial {
     /// To the address of this bus; what the other end of a TCP connection has not confirmed within the bus's timeout
-    /// breaks it. `None` for CAN and OPC UA.
+    /// breaks it. `None` for CAN, OPC UA and the sensors of this computer.
     pub(super) fn new(bus: &Bus) -> Option<ModbusDial> {
         let over = match (&bus.transport, &bus.tls) {
             (Transport::Tcp, None) => Over::Tcp,
             (Transport::Tcp, Some(tls)) => Over::Tls(Client::new(tls).ok()),
             (Transport::RtuOverTcp, _) => Over::RtuOverTcp,
             (Transport::Serial(serial), _) => Over::Serial(*serial),
-            (Transport::Can | Transport::OpcUa, _) => return None,
+            (Transport::Can | Transport::OpcUa | Transport::Sysfs, _) => return None,
         };
         Some(ModbusDial { address: bus.address.clone(), timeout: bus.timeout, over })
     }

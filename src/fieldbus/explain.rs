@@ -106,6 +106,10 @@ const fn remedy_at_a_server(fault: Fault) -> Option<&'static str> {
     })
 }
 
+/// The same of sensors of this computer, where nothing else can fail as a whole.
+const AT_THIS_COMPUTER: &str = "their driver does not come back: is an adapter or a cable unplugged, does a 1-Wire sensor answer with a wrong \
+                                checksum, which the kernel repeats for seconds? `dmesg` says more; each is asked again once it is back";
+
 /// What is wrong, and what to do.
 pub fn explain(fault: Fault) -> String {
     advised(fault.to_string(), remedy(fault))
@@ -118,7 +122,12 @@ pub fn explain_on(line: Transport, fault: Fault) -> String {
 
 /// The same of a fault that has been put into words already.
 pub fn advised_on(line: Transport, fault: Fault, words: String) -> String {
-    advised(words, if line == Transport::OpcUa { remedy_at_a_server(fault) } else { remedy(fault) })
+    let remedy = match line {
+        Transport::OpcUa => remedy_at_a_server(fault),
+        Transport::Sysfs => Some(AT_THIS_COMPUTER),
+        _ => remedy(fault),
+    };
+    advised(words, remedy)
 }
 
 fn advised(words: String, remedy: Option<&str>) -> String {
@@ -206,6 +215,8 @@ mod tests {
                 assert!(!said.contains(word), "{said}");
             }
             assert_eq!(explain_on(Transport::Tcp, fault), explain(fault));
+            let said = explain_on(Transport::Sysfs, fault);
+            assert!(said.contains("dmesg") && !said.contains("register"), "{said}");
         }
     }
 

@@ -66,7 +66,7 @@ impl ModbusTcp {
         request: Request<'_>,
         departure: &mut Departure,
     ) -> Result<Answer, Fault> {
-        if matches!(request, Request::Can(_) | Request::Nodes(_)) {
+        if matches!(request, Request::Can(_) | Request::Nodes(_) | Request::Sensors(_)) {
             return Err(Fault::Caller(CallerFault::Function));
         }
         let open = self.behind.unanswered();

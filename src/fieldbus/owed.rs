@@ -82,7 +82,7 @@ impl Mark {
             Request::WriteCoil { at, value } => [at, if value { 0xff00 } else { 0 }],
             Request::WriteSingle { at, value } => [at, value],
             Request::WriteMultiple { at, values } => [at, u16::try_from(values.len()).unwrap_or(u16::MAX)],
-            Request::Can(_) | Request::Nodes(_) => [0, 0],
+            Request::Can(_) | Request::Nodes(_) | Request::Sensors(_) => [0, 0],
         };
         Mark { function: request.function(), form }
     }

@@ -28,7 +28,7 @@ pub(super) fn question(request: Request<'_>, bytes: &mut Vec<u8>) {
         Request::WriteSingle { at, value } => (at, value),
         Request::WriteMultiple { at, values } => (at, u16::try_from(values.len()).unwrap_or(u16::MAX)),
         // Refused before.
-        Request::Can(_) | Request::Nodes(_) => return,
+        Request::Can(_) | Request::Nodes(_) | Request::Sensors(_) => return,
     };
     bytes.push(request.function());
     bytes.extend(at.to_be_bytes());

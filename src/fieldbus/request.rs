@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::error::Fault;
 use isotherm_core::codec::{
-    Address, BitField, CanId, DataType, Encoded, Encoding, Field, Node, Object, Register,
+    Address, BitField, CanId, DataType, Encoded, Encoding, Field, Node, Object, PcSensor, Register,
 };
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
@@ -46,6 +46,8 @@ pub enum Request<'a> {
     Can(CanRequest<'a>),
     /// Of an OPC UA server.
     Nodes(NodeRequest<'a>),
+    /// Sensors of this computer are read.
+    Sensors(&'a [PcSensor]),
 }
 
 /// One request to an OPC UA server.
@@ -64,7 +66,7 @@ pub enum NodeRequest<'a> {
     },
 }
 
-/// What a server says of one node.
+/// What a server says of one node, or this computer of one of its sensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NodeReading {
     /// Its value as registers, the most significant first; or why there is none.
@@ -119,7 +121,7 @@ pub enum Answer {
     Registers(Vec<u16>),
     /// Exactly as many bits as were asked for.
     Bits(Vec<bool>),
-    /// As many nodes as were asked for, in this order.
+    /// As many nodes or sensors as were asked for, in this order.
     Nodes(Vec<NodeReading>),
     /// A write, repeated as it was sent.
     Done,
@@ -132,6 +134,7 @@ impl<'a> From<&'a ReadTarget> for Request<'a> {
             ReadTarget::Object(object) => Request::Can(CanRequest::Read { object: *object }),
             ReadTarget::Nodes(nodes) => Request::Nodes(NodeRequest::Read(nodes)),
             ReadTarget::Subscription(sent) => Request::Nodes(NodeRequest::Latest(sent)),
+            ReadTarget::Sensors(sensors) => Request::Sensors(sensors),
         }
     }
 }
@@ -200,6 +203,7 @@ impl<'a> Request<'a> {
             Address::Object(object) => Some(Request::Can(CanRequest::Read { object: *object })),
             Address::Frame(_) => None,
             Address::Node(node) => Some(Request::Nodes(NodeRequest::Read(std::slice::from_ref(node)))),
+            Address::Sensor(sensor) => Some(Request::Sensors(std::slice::from_ref(sensor))),
         }
     }
 
@@ -207,7 +211,10 @@ impl<'a> Request<'a> {
     pub const fn in_registers(asked: &ReadTarget) -> Option<Request<'static>> {
         match asked {
             ReadTarget::Registers { from, count } => Some(Request::Read { from: *from, count: *count }),
-            ReadTarget::Object(_) | ReadTarget::Nodes(_) | ReadTarget::Subscription(_) => None,
+            ReadTarget::Object(_)
+            | ReadTarget::Nodes(_)
+            | ReadTarget::Subscription(_)
+            | ReadTarget::Sensors(_) => None,
         }
     }
 
@@ -222,6 +229,8 @@ impl<'a> Request<'a> {
             Address::Node(node) => {
                 Request::Nodes(NodeRequest::Write { nodes: std::slice::from_ref(node), values })
             }
+            // Nothing is written there: a request that never fits.
+            Address::Sensor(_) => Request::Nodes(NodeRequest::Write { nodes: &[], values }),
         }
     }
 
@@ -240,7 +249,7 @@ impl<'a> Request<'a> {
             Request::WriteCoil { .. } => 5,
             Request::WriteSingle { .. } => 6,
             Request::WriteMultiple { .. } => 16,
-            Request::Can(_) | Request::Nodes(_) => 0,
+            Request::Can(_) | Request::Nodes(_) | Request::Sensors(_) => 0,
         }
     }
 
@@ -251,6 +260,7 @@ impl<'a> Request<'a> {
             Request::Read { .. }
                 | Request::Can(CanRequest::Read { .. })
                 | Request::Nodes(NodeRequest::Read(_) | NodeRequest::Latest(_))
+                | Request::Sensors(_)
         )
     }
 
@@ -266,6 +276,7 @@ impl<'a> Request<'a> {
             }
             Request::Nodes(NodeRequest::Read(nodes)) => return !nodes.is_empty(),
             Request::Nodes(NodeRequest::Latest(sent)) => return !sent.nodes.is_empty(),
+            Request::Sensors(sensors) => return !sensors.is_empty(),
             Request::Nodes(NodeRequest::Write { nodes, values }) => {
                 let registers: usize =
                     nodes.iter().map(|node| usize::from(node.taken_as().registers())).sum();

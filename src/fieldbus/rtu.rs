@@ -206,7 +206,7 @@ impl Wire for Rtu {
         departure: &'a mut Departure,
     ) -> Boxed<'a, Result<Answer, Fault>> {
         Box::pin(async move {
-            if matches!(request, Request::Can(_) | Request::Nodes(_)) {
+            if matches!(request, Request::Can(_) | Request::Nodes(_) | Request::Sensors(_)) {
                 return Err(Fault::Caller(CallerFault::Function));
             }
             // Where the line behind the connection is not ours, the other end keeps the silence.

@@ -23,6 +23,7 @@ mod probe;
 mod seals;
 mod serial;
 mod stop;
+mod sysfs;
 mod templates;
 mod together;
 

@@ -131,6 +131,7 @@ pub(crate) fn line(bus: &Bus, count: u8) -> DeviceLine {
         template: None,
         can: None,
         source_time: None,
+        is_pc: false,
         read: ReadBy::Poll,
         name: format!("unit{unit}"),
         bus: BusId(0),

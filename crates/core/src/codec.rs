@@ -17,6 +17,7 @@ mod data_type;
 mod field;
 mod node;
 mod object;
+mod pc_sensor;
 mod scale;
 
 pub use address::{Address, Register, Table};
@@ -28,6 +29,7 @@ pub use data_type::DataType;
 pub use field::{Field, Selector};
 pub use node::{Identifier, Node, NodeId, Scalar};
 pub use object::{Entry, Object};
+pub use pc_sensor::{Channel, PcSensor};
 pub use scale::Scale;
 
 use data_type::integer_of;

@@ -76,6 +76,18 @@ pub enum Reason {
     WrongType,
     /// What the value was stamped with is later than the time of the server that sends it.
     SourceClock,
+    /// This computer has no sensor of this name.
+    NotFound,
+    /// This computer has several sensors of this name.
+    SeveralFound,
+    /// The kernel of this computer cannot read the sensor, or lets nobody do it.
+    Unreadable,
+    /// The checksum of what the sensor sent is wrong.
+    Checksum,
+    /// What a 1-Wire sensor shows after power-on, until it has measured.
+    PowerOnValue,
+    /// The sensor's memory reads all zero, its checksum as well: nobody drives the line.
+    AllZero,
     /// The device did not answer in time.
     Timeout,
     /// No connection to the device.
@@ -152,6 +164,12 @@ impl Reason {
             Reason::Status(_) => "status",
             Reason::WrongType => "wrong-type",
             Reason::SourceClock => "source-clock",
+            Reason::NotFound => "not-found",
+            Reason::SeveralFound => "several-found",
+            Reason::Unreadable => "unreadable",
+            Reason::Checksum => "checksum",
+            Reason::PowerOnValue => "power-on-value",
+            Reason::AllZero => "all-zero",
             Reason::Timeout => "timeout",
             Reason::LinkDown => "link-down",
             Reason::BadReply => "bad-reply",
@@ -200,6 +218,12 @@ impl fmt::Display for Reason {
             Reason::Status(code) => return write!(f, "{}", Status(*code)),
             Reason::WrongType => "the node has another type than the profile says",
             Reason::SourceClock => "stamped later than its server's own time: a clock is wrong",
+            Reason::NotFound => "this computer has no sensor of this name",
+            Reason::SeveralFound => "this computer has several sensors of this name",
+            Reason::Unreadable => "this computer cannot read the sensor",
+            Reason::Checksum => "wrong checksum: disturbed on its way",
+            Reason::PowerOnValue => "85 °C, which the sensor shows at power-on: it has not measured",
+            Reason::AllZero => "all zero: line shorted, or sensor without power",
             Reason::Timeout => "no answer in time",
             Reason::LinkDown => "no connection",
             Reason::BadReply => "wrong reply",

@@ -3,14 +3,15 @@
 //! Neighbours in one table share a request, also across a few registers that nobody asked for: a request costs a
 //! round trip, a register two bytes. A device that refuses registers it does not have wants `max_gap = 0`; one that
 //! serves a register wrongly among others has signals with `merge = false`. A CANopen object is a request of its own, what
-//! comes in CAN frames is not asked for, and all nodes of an OPC UA server are one request, or one subscription.
+//! comes in CAN frames is not asked for, and all nodes of an OPC UA server are one request, or one subscription. So are all sensors
+//! of this computer that belong to one device: they are read at once.
 
 use std::fmt;
 use std::time::Duration;
 
 use crate::document::Section;
 use crate::{Device, Profile, Quirks, ReadBy, Signal, SourceTime};
-use isotherm_core::codec::{Address, Node, Object, Register};
+use isotherm_core::codec::{Address, Node, Object, PcSensor, Register};
 use isotherm_core::reading::SignalId;
 
 /// Most coils or discrete inputs that one request may ask for, by the protocol.
@@ -41,6 +42,8 @@ pub enum ReadTarget {
     Nodes(Vec<Node>),
     /// What the server has sent of such nodes.
     Subscription(Subscription),
+    /// Sensors of this computer, each a field of the answer.
+    Sensors(Vec<PcSensor>),
 }
 
 /// Nodes that an OPC UA server sends by itself, each a field of the answer.
@@ -78,6 +81,7 @@ pub fn plan<'a>(
     let mut requests: Vec<ReadRequest> = Vec::new();
     let mut together: Vec<ReadRequest> = Vec::new();
     let mut nodes: Vec<(Field, Node)> = Vec::new();
+    let mut sensors: Vec<(Field, PcSensor)> = Vec::new();
     let mut max_age = Duration::MAX;
     for (id, signal) in signals {
         let data_type = signal.encoding.data_type;
@@ -88,6 +92,10 @@ pub fn plan<'a>(
             Address::Node(node) => {
                 nodes.push((field, node.clone()));
                 max_age = max_age.min(signal.max_age);
+                continue;
+            }
+            Address::Sensor(sensor) => {
+                sensors.push((field, sensor.clone()));
                 continue;
             }
             // Nobody can be asked for it.
@@ -107,15 +115,14 @@ pub fn plan<'a>(
     }
     requests.extend(merged);
     requests.extend(all_nodes(nodes, device, max_age));
+    requests.extend(all_sensors(sensors));
     requests.sort_by_key(ReadRequest::rank);
     requests
 }
 
 /// The one request that brings all of these.
 fn all_nodes(nodes: Vec<(Field, Node)>, device: &Device, max_age: Duration) -> Option<ReadRequest> {
-    let numbered = nodes.into_iter().zip(0..);
-    let (fields, nodes): (Vec<_>, Vec<_>) =
-        numbered.map(|((field, node), at)| (Field { at, ..field }, node)).unzip();
+    let (fields, nodes) = numbered(nodes);
     let by_stamp = device.source_time == Some(SourceTime::Sampled);
     let asks = match device.read {
         ReadBy::Poll => ReadTarget::Nodes(nodes),
@@ -126,8 +133,19 @@ fn all_nodes(nodes: Vec<(Field, Node)>, device: &Device, max_age: Duration) -> O
     (!fields.is_empty()).then_some(ReadRequest { asks, fields })
 }
 
+/// The one request that brings all of these.
+fn all_sensors(sensors: Vec<(Field, PcSensor)>) -> Option<ReadRequest> {
+    let (fields, sensors) = numbered(sensors);
+    (!fields.is_empty()).then_some(ReadRequest { asks: ReadTarget::Sensors(sensors), fields })
+}
+
+/// Each with its place in the answer.
+fn numbered<T>(parts: Vec<(Field, T)>) -> (Vec<Field>, Vec<T>) {
+    parts.into_iter().zip(0..).map(|((field, part), at)| (Field { at, ..field }, part)).unzip()
+}
+
 impl ReadRequest {
-    /// The first register or bit, and how many; `None` for an object and for nodes.
+    /// The first register or bit, and how many; `None` for an object, nodes and sensors.
     pub const fn span(&self) -> Option<(Register, u16)> {
         if let ReadTarget::Registers { from, count } = self.asks { Some((from, count)) } else { None }
     }
@@ -182,6 +200,8 @@ impl fmt::Display for ReadRequest {
         let (first, count) = match &self.asks {
             ReadTarget::Registers { from, count } => (*from, *count),
             ReadTarget::Object(object) => return write!(f, "read {object}"),
+            ReadTarget::Sensors(sensors) if sensors.len() == 1 => return write!(f, "read 1 sensor"),
+            ReadTarget::Sensors(sensors) => return write!(f, "read {} sensors at once", sensors.len()),
             ReadTarget::Nodes(nodes) if nodes.len() == 1 => return write!(f, "read 1 node"),
             ReadTarget::Nodes(nodes) => return write!(f, "read {} nodes", nodes.len()),
             ReadTarget::Subscription(Subscription { nodes, .. }) => {
@@ -218,9 +238,14 @@ pub fn summary(requests: &[ReadRequest]) -> String {
     let (registers, bits): (usize, usize) = (touched(false), touched(true));
     let nodes = requests.iter().map(|request| match &request.asks {
         ReadTarget::Nodes(nodes) | ReadTarget::Subscription(Subscription { nodes, .. }) => nodes.len(),
-        ReadTarget::Registers { .. } | ReadTarget::Object(_) => 0,
+        ReadTarget::Registers { .. } | ReadTarget::Object(_) | ReadTarget::Sensors(_) => 0,
     });
-    let cells: Vec<String> = [(registers, "register"), (bits, "bit"), (nodes.sum(), "node")]
+    let sensors = requests.iter().map(|request| match &request.asks {
+        ReadTarget::Sensors(sensors) => sensors.len(),
+        _ => 0,
+    });
+    let (nodes, sensors) = (nodes.sum(), sensors.sum());
+    let cells: Vec<String> = [(registers, "register"), (bits, "bit"), (nodes, "node"), (sensors, "sensor")]
         .into_iter()
         .filter(|(count, _)| *count > 0)
         .map(|(count, what)| counted(count, what))

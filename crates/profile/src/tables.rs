@@ -56,6 +56,7 @@ mod restart;
 pub(crate) mod schema;
 pub(crate) mod set;
 pub(crate) mod signal;
+mod sysfs;
 pub(crate) mod web;
 
 /// One machine: its buses, devices, signals, axes and outputs.
@@ -240,6 +241,7 @@ impl Check<'_> {
         claims::one_writer_each(self, heartbeat.as_ref());
         claims::check(self, heartbeat.as_ref());
         line_time::check(self);
+        sysfs::too_quick(self);
         loose_ends::warn(self);
         let only_recorded = loose_ends::only_recorded(self);
         let profile = Profile {

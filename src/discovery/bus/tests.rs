@@ -13,6 +13,7 @@ fn a_line_is_read_as_people_type_it() {
         ("opc.tcp://[::1]/plc", "opc.tcp://[::1]:4840/plc"),
         ("opc.tcp://[fe80::1%2]:4841/", "opc.tcp://[fe80::1%2]:4841"),
         ("rtu:///dev/ttyUSB0", "/dev/ttyUSB0 at 9600 baud 8N1"),
+        ("/sys", "/sys"),
         ("rtu:///dev/ttyS1?baud=1200&parity=even&stop_bits=2", "/dev/ttyS1 at 1200 baud 8E2"),
     ] {
         assert_eq!(

@@ -164,6 +164,7 @@ fn line_of(timeout: Duration, change: impl Fn(&mut Device)) -> (Rig, Shared) {
             template: None,
             can: None,
             source_time: None,
+            is_pc: false,
             read: ReadBy::Poll,
             quirks: Quirks::default(),
         };

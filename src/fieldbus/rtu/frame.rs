@@ -40,7 +40,7 @@ pub(super) fn lengths(request: Request<'_>) -> (usize, usize) {
         Request::Read { count, .. } => (8, 5 + 2 * usize::from(count)),
         Request::WriteCoil { .. } | Request::WriteSingle { .. } => (8, 8),
         Request::WriteMultiple { values, .. } => (9 + 2 * values.len(), 8),
-        Request::Can(_) | Request::Nodes(_) => (0, 0),
+        Request::Can(_) | Request::Nodes(_) | Request::Sensors(_) => (0, 0),
     }
 }
 
@@ -49,7 +49,7 @@ pub(super) fn is_like_its_answer(request: Request<'_>) -> bool {
     match request {
         Request::Read { from, .. } => matches!(from.table, Table::Coil | Table::Discrete),
         Request::WriteCoil { .. } | Request::WriteSingle { .. } => true,
-        Request::WriteMultiple { .. } | Request::Can(_) | Request::Nodes(_) => false,
+        Request::WriteMultiple { .. } | Request::Can(_) | Request::Nodes(_) | Request::Sensors(_) => false,
     }
 }
 

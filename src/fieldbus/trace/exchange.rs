@@ -76,6 +76,7 @@ pub(super) fn asked(request: Request<'_>) -> String {
         Request::Can(CanRequest::Send { id, bits, values }) => {
             format!("send {id}, {bits} ={}", listed(values))
         }
+        Request::Sensors(sensors) => format!("read{}", listed(sensors)),
         Request::Nodes(NodeRequest::Read(nodes)) => format!("read{}", listed(nodes)),
         Request::Nodes(NodeRequest::Latest(sent)) => format!("latest{}", listed(&sent.nodes)),
         Request::Nodes(NodeRequest::Write { nodes, values }) => {

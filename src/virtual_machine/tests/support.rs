@@ -180,6 +180,7 @@ pub(super) fn device(name: &str, bus: usize, unit: u8) -> Device {
         template: None,
         can: None,
         source_time: None,
+        is_pc: false,
         read: ReadBy::Poll,
     }
 }

@@ -1,10 +1,10 @@
-//! Where a value is: in registers, in a CANopen object, in CAN frames, or in a node of an OPC UA server. Registers have two
-//! notations that people use: `input:0` (protocol, zero-based) and `30001` (Modicon, one-based).
+//! Where a value is: in registers, in a CANopen object, in CAN frames, in a node of an OPC UA server, or in a sensor of this
+//! computer. Registers have two notations that people use: `input:0` (protocol, zero-based) and `30001` (Modicon, one-based).
 
 use std::fmt;
 use std::str::FromStr;
 
-use super::{Field, Node, Object};
+use super::{Field, Node, Object, PcSensor};
 
 /// Where a value is on a line of any kind.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -17,6 +17,8 @@ pub enum Address {
     Frame(Field),
     /// In a node of an OPC UA server.
     Node(Node),
+    /// In a sensor of this computer.
+    Sensor(PcSensor),
 }
 
 /// The four tables of a Modbus device.
@@ -96,6 +98,11 @@ impl Address {
         if let Address::Node(node) = self { Some(node) } else { None }
     }
 
+    /// The sensor of this computer that it is.
+    pub const fn sensor(&self) -> Option<&PcSensor> {
+        if let Address::Sensor(sensor) = self { Some(sensor) } else { None }
+    }
+
     /// What is there comes by itself, in frames: nobody asks for it.
     pub const fn is_in_frames(&self) -> bool {
         matches!(self, Address::Frame(_))
@@ -167,7 +174,7 @@ impl fmt::Display for Register {
 }
 
 /// For people: `holding:104 (40105)`, `object 6150:01`, `0x20c, 32 bits from 0 up (Intel), signed`,
-/// `node ns=2;i=5`.
+/// `node ns=2;i=5`, `sensor w1:28-0316a2794f01`.
 impl fmt::Display for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -175,6 +182,7 @@ impl fmt::Display for Address {
             Address::Object(object) => write!(f, "object {object}"),
             Address::Frame(field) => write!(f, "{field}"),
             Address::Node(node) => write!(f, "node {node}"),
+            Address::Sensor(sensor) => write!(f, "sensor {sensor}"),
         }
     }
 }

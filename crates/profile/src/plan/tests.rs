@@ -22,6 +22,7 @@ fn device(quirks: Quirks) -> Device {
         can: None,
         source_time: None,
         read: ReadBy::Poll,
+        is_pc: false,
         quirks,
     }
 }
@@ -66,6 +67,7 @@ fn shape(requests: &[ReadRequest]) -> Vec<String> {
             ReadTarget::Object(object) => format!("read {object}"),
             ReadTarget::Nodes(nodes) => format!("{} nodes", nodes.len()),
             ReadTarget::Subscription(sent) => format!("{} nodes by themselves", sent.nodes.len()),
+            ReadTarget::Sensors(sensors) => format!("{} sensors", sensors.len()),
         };
         format!("{span} [{}]", fields.join(" "))
     };

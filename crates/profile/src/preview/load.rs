@@ -62,7 +62,9 @@ fn cost(bus: &Bus, device: &Device, asked: &Exchange) -> Cost {
     let quirks = &device.quirks;
     let bytes = match bus.transport {
         Transport::Serial(serial) => serial.exchange(asked.question, asked.answer),
-        Transport::Tcp | Transport::RtuOverTcp | Transport::Can | Transport::OpcUa => Duration::ZERO,
+        Transport::Tcp | Transport::RtuOverTcp | Transport::Can | Transport::OpcUa | Transport::Sysfs => {
+            Duration::ZERO
+        }
     };
     let known = bytes + quirks.pause_between_requests;
     if quirks.close_after_each {
@@ -96,16 +98,22 @@ pub fn warnings(profile: &Profile) -> Vec<ProfileError> {
 }
 
 impl Load {
-    /// The load of a line; `None` where nobody is asked, as on a CAN line whose devices send by themselves.
+    /// The load of a line; `None` where nobody is asked, as on a CAN line whose devices send by themselves, and where all are asked at
+    /// once, as the sensors of this computer.
     pub fn of(profile: &Profile, id: BusId) -> Option<Load> {
         let bus = profile.bus(id);
+        if bus.transport == Transport::Sysfs {
+            return None;
+        }
         let asked = traffic(profile, id);
         if asked.is_empty() {
             return None;
         }
         let answer = match bus.transport {
             Transport::RtuOverTcp => ANSWER_THROUGH_SERVER,
-            Transport::Tcp | Transport::Serial(_) | Transport::Can | Transport::OpcUa => ANSWER,
+            Transport::Tcp | Transport::Serial(_) | Transport::Can | Transport::OpcUa | Transport::Sysfs => {
+                ANSWER
+            }
         };
         let (mut known, mut waits, mut percent) = (0.0, 0.0, [0.0; 2]);
         for asked in &asked {

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::quirks::{Quirks, RawQuirks};
-use super::{At, Check, host_of};
+use super::{At, Check, host_of, sysfs};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
 use isotherm_core::codec::CanId;
@@ -42,10 +42,11 @@ pub(crate) struct RawBus {
     #[schemars(required)]
     pub(super) kind: Option<BusType>,
     /// Host and port of a line over TCP: "192.168.0.10:502". With `tls` the port may be left out: 802. Of an opcua line
-    /// the server's URL: "opc.tcp://192.168.214.241:4840".
+    /// the server's URL: "opc.tcp://192.168.214.241:4840". Of a sysfs line the directory where the kernel shows its sensors; default
+    /// "/sys".
     address: Option<String>,
     /// Longest wait for one answer. Default "500ms", or half the shortest period of what is read and
-    /// written there if that is less.
+    /// written there if that is less; "2s" on a sysfs line.
     pub(super) timeout: Option<Timespan>,
     /// How long a write that was not answered may still arrive, held back on its way: `timeout` to "10min". Default "30s";
     /// on a modbus-rtu line, where nothing holds it back, twice `timeout`.
@@ -107,6 +108,7 @@ pub(super) enum BusType {
     Can,
     #[serde(rename = "opcua")]
     OpcUa,
+    Sysfs,
 }
 
 /// What the devices of a line understand.
@@ -118,6 +120,8 @@ pub(super) enum LineKind {
     Can,
     /// Nodes of a server.
     OpcUa,
+    /// Sensors that the kernel of this computer reads.
+    Sysfs,
 }
 
 impl BusType {
@@ -126,6 +130,7 @@ impl BusType {
         match self {
             BusType::Can => LineKind::Can,
             BusType::OpcUa => LineKind::OpcUa,
+            BusType::Sysfs => LineKind::Sysfs,
             BusType::ModbusTcp | BusType::ModbusRtu | BusType::ModbusRtuOverTcp => LineKind::Modbus,
         }
     }
@@ -138,7 +143,7 @@ pub struct Bus {
     pub name: String,
     /// What it is made of.
     pub transport: Transport,
-    /// Host and port, the serial port's path, the CAN interface, or the server's URL, as written.
+    /// Host and port, the serial port's path, the CAN interface, the server's URL, or the directory of the kernel's sensors, as written.
     pub address: String,
     /// Modbus/TCP Security; `None`: in the clear.
     pub tls: Option<Tls>,
@@ -169,6 +174,8 @@ pub enum Transport {
     Can,
     /// An OPC UA server.
     OpcUa,
+    /// The sensors of this computer, as its kernel shows them.
+    Sysfs,
 }
 
 /// Who sends SYNC on a line: we do.
@@ -191,6 +198,8 @@ impl Transport {
     pub fn late(self, timeout: Duration) -> Duration {
         match self {
             Transport::Serial(_) => timeout.saturating_mul(LATE_TIMEOUTS),
+            // Nothing is written there.
+            Transport::Sysfs => timeout,
             Transport::Tcp | Transport::RtuOverTcp | Transport::Can | Transport::OpcUa => LATE.max(timeout),
         }
     }
@@ -210,6 +219,7 @@ impl Bus {
             Transport::RtuOverTcp => "RTU over TCP",
             Transport::Can => "CAN",
             Transport::OpcUa => "OPC UA",
+            Transport::Sysfs => "sensors of this computer",
             Transport::Serial(_) => "Modbus RTU",
         };
         let (name, address, timeout, late) =
@@ -217,7 +227,12 @@ impl Bus {
         let mut section = Section::default();
         section.line("");
         section.line(format!("bus {name}: {kind} at {address}, timeout {timeout}"));
-        section.line(format!("  a write that is not answered may still arrive for {late}"));
+        section.line(match self.transport {
+            Transport::Sysfs => {
+                "  only read; all sensors of a device at once; one that hangs is not asked again until it is back".to_owned()
+            }
+            _ => format!("  a write that is not answered may still arrive for {late}"),
+        });
         section.entry("name", name);
         section.entry("kind", kind);
         section.entry("address", address);
@@ -240,8 +255,11 @@ impl RawBus {
     pub(super) fn resolve(&self, at: &At<'_>, name: &str) -> Option<Bus> {
         let quirks =
             self.quirks.as_ref().map_or_else(Quirks::default, |quirks| quirks.over(Quirks::default()));
-        let timeout =
-            at.key("timeout").duration(self.timeout).unwrap_or_else(|| at.check.periods.timeout(name));
+        let timeout = at.key("timeout").duration(self.timeout);
+        let timeout = timeout.unwrap_or_else(|| match self.kind {
+            Some(BusType::Sysfs) => sysfs::TIMEOUT,
+            _ => at.check.periods.timeout(name),
+        });
         let Some(kind) = self.kind else {
             // Wrong itself: what is written all the same is looked at.
             self.address.as_ref().filter(|_| !self.is_at_a_server()).and_then(|_| self.host_and_port(at));
@@ -259,6 +277,7 @@ impl RawBus {
             }
             BusType::Can => (Transport::Can, self.interface(at)),
             BusType::OpcUa => (Transport::OpcUa, opcua::address(self, at)),
+            BusType::Sysfs => (Transport::Sysfs, sysfs::root(at, self.address.as_ref())),
         };
         let late = self.late(&at.key("late"), timeout, transport.late(timeout));
         let tls = self.tls.as_ref().filter(|_| kind == BusType::ModbusTcp).map(|tls| {
@@ -382,13 +401,17 @@ impl RawBus {
 
 /// Keys that belong to another type of line.
 fn foreign_keys(at: &At<'_>, kind: BusType) {
-    let owners: [(&[&str], &str, &[BusType]); 6] = [
-        (&["address"], "a TCP line", &[BusType::ModbusTcp, BusType::ModbusRtuOverTcp, BusType::OpcUa]),
+    let modbus = [BusType::ModbusTcp, BusType::ModbusRtu, BusType::ModbusRtuOverTcp];
+    let by_address = [BusType::ModbusTcp, BusType::ModbusRtuOverTcp, BusType::OpcUa, BusType::Sysfs];
+    let written = [modbus.as_slice(), &[BusType::Can, BusType::OpcUa]].concat();
+    let owners: [(&[&str], &str, &[BusType]); 7] = [
+        (&["address"], "a TCP line", &by_address),
+        (&["late"], "a line on which something is written", &written),
         (&["port", "baud", "parity", "stop_bits"], "a modbus-rtu line", &[BusType::ModbusRtu]),
         (&["tls", "pipeline"], "a modbus-tcp line", &[BusType::ModbusTcp]),
         (&["interface", "sync"], "a can line", &[BusType::Can]),
         (&["security", "user", "cert", "key", "trusted"], "an opcua line", &[BusType::OpcUa]),
-        (&["quirks"], "a Modbus line", &[BusType::ModbusTcp, BusType::ModbusRtu, BusType::ModbusRtuOverTcp]),
+        (&["quirks"], "a Modbus line", &modbus),
     ];
     for (keys, owner, _) in owners.into_iter().filter(|(.., kinds)| !kinds.contains(&kind)) {
         at.foreign(keys, owner, "remove it, or change `type`");
@@ -420,14 +443,14 @@ pub(super) fn none_waits_for_a_period(check: &Check<'_>) {
 
 /// Two buses on one RTU line would speak at once, and take each other's answers.
 pub(super) fn one_owner_each(check: &Check<'_>) {
-    let is_shared = |transport| matches!(transport, Transport::Tcp | Transport::OpcUa);
+    let is_shared = |transport| matches!(transport, Transport::Tcp | Transport::OpcUa | Transport::Sysfs);
     let lines: Vec<&Bus> = check.buses.right().filter(|bus| !is_shared(bus.transport)).collect();
     for (place, bus) in lines.iter().enumerate() {
         if let Some(first) = lines[..place].iter().find(|first| first.address == bus.address) {
             let key = match bus.transport {
                 Transport::Serial(_) => "port",
                 Transport::Can => "interface",
-                Transport::Tcp | Transport::RtuOverTcp | Transport::OpcUa => "address",
+                Transport::Tcp | Transport::RtuOverTcp | Transport::OpcUa | Transport::Sysfs => "address",
             };
             let message = format!("the bus `{}` has this {key} already", first.name);
             let help = "put all devices of one line on one bus; each has its own `every`";

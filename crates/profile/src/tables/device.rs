@@ -136,13 +136,15 @@ pub struct Device {
     pub source_time: Option<SourceTime>,
     /// How the signals of an OPC UA server come; of any other device they are asked for.
     pub read: ReadBy,
+    /// It is sensors of this computer.
+    pub is_pc: bool,
 }
 
 impl Device {
     /// Where it is on its bus, behind its name: ` (unit 3)`, ` (node 5)`, nothing for one that only sends CAN frames.
     pub fn at(&self) -> String {
         match &self.can {
-            None if self.source_time.is_some() => String::new(),
+            None if self.source_time.is_some() || self.is_pc => String::new(),
             None => format!(" (unit {})", self.unit),
             Some(can) => can.node.map_or(String::new(), |node| format!(" (node {node})")),
         }
@@ -156,7 +158,9 @@ impl Device {
         let shown = labelled(name, &self.label);
         let mut section = Section::default();
         section.line(match self.can.as_ref().map(|can| can.node) {
-            None if self.source_time.is_some() => format!("  {shown}: every {every}: {summary}"),
+            None if self.source_time.is_some() || self.is_pc => {
+                format!("  {shown}: every {every}: {summary}")
+            }
             None => format!("  {shown}: unit {unit}, every {every}: {summary}"),
             Some(Some(node)) => format!("  {shown}: CANopen node {node}"),
             Some(None) => format!("  {shown}: sends frames by itself"),
@@ -256,18 +260,23 @@ impl RawDevice {
         }
         let kind = self.line_kind(check);
         let on_can = kind.map(|kind| kind == LineKind::Can);
-        let on_opcua = kind == Some(LineKind::OpcUa);
+        let (on_opcua, on_sysfs) = (kind == Some(LineKind::OpcUa), kind == Some(LineKind::Sysfs));
         if on_opcua {
             let help = "remove it: an OPC UA server has nodes";
             at.foreign(&["unit", "functions", "quirks", "base"], "a Modbus device", help);
-        } else if kind.is_some() {
+        } else if on_sysfs {
+            let help = "remove it: it is sensors of this computer, which are named at their signals";
+            at.foreign(&["unit", "functions", "quirks", "template"], "a Modbus device", help);
+            at.foreign(&["verify"], "a device that can be set otherwise", help);
+        }
+        if kind.is_some() && !on_opcua {
             let help = "remove it, or put the device on an opcua line";
             at.foreign(&["source_time", "read"], "a device on an OPC UA line", help);
         }
         let can = node::resolve(self, at, on_can);
         let unit = if on_can == Some(true) {
             Some(self.node.unwrap_or(0))
-        } else if on_opcua {
+        } else if on_opcua || on_sysfs {
             Some(0)
         } else {
             self.unit(at, line.map(|line| line.transport))
@@ -276,6 +285,7 @@ impl RawDevice {
         let verify = self.verify.iter().flatten().enumerate().filter_map(|(place, raw)| match on_can {
             Some(true) => raw.object(&verify.item(place)),
             _ if on_opcua => raw.node(&verify.item(place)),
+            _ if on_sysfs => None,
             _ => raw.register(&verify.item(place), functions),
         });
         let verify = verify.collect();
@@ -301,6 +311,7 @@ impl RawDevice {
             can,
             source_time: on_opcua.then(|| self.source_time.unwrap_or_default()),
             read: self.read.unwrap_or_default(),
+            is_pc: on_sysfs,
         })
     }
 

@@ -5,10 +5,10 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::At;
 use super::bus::LineKind;
 use super::opcua::{holds, written};
 use super::register::{Notation, TypeWord, holding};
+use super::{At, sysfs};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
 use crate::{DeviceId, Profile};
@@ -94,6 +94,11 @@ impl RawHeartbeat {
                 let help =
                     "name a Modbus device; a CANopen node has a heartbeat consumer of its own, object 1016";
                 at.key("device").wrong("the heartbeat is a register, and this device has none", help);
+                return None;
+            }
+            Some(LineKind::Sysfs) => {
+                at.key("device")
+                    .wrong(sysfs::ONLY_READ, "name the device of the control that watches the gateway");
                 return None;
             }
             _ => {

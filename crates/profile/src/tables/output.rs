@@ -11,7 +11,7 @@ use super::handshake::RawHandshake;
 use super::register::{self, Notation, TypeWord, WordOrderWord, plain};
 use super::restart::RawRestart;
 use super::signal::ChannelValue;
-use super::{At, Check, expression, opcua};
+use super::{At, Check, expression, opcua, sysfs};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
 use crate::{AxisId, DeviceId, Profile, SetId};
@@ -161,7 +161,7 @@ impl Output {
         let registers = encoding.data_type.registers();
         let function = match self.address {
             Address::Modbus(_) => device.functions.write_code(registers),
-            Address::Object(_) | Address::Frame(_) | Address::Node(_) => 0,
+            Address::Object(_) | Address::Frame(_) | Address::Node(_) | Address::Sensor(_) => 0,
         };
         let register = Notation::of(&self.address, encoding.data_type);
         let word_order = register::shown_order(&self.address, encoding);
@@ -263,6 +263,11 @@ impl RawOutput {
         let refresh = at.key("refresh").period(self.refresh);
         let when = expression::condition(&at.key("when"), self.when.as_ref(), None);
         let kind = check.line_kind(self.device.as_ref());
+        if kind == Some(LineKind::Sysfs) {
+            at.key("device")
+                .wrong(sysfs::ONLY_READ, "name the device of the control that is given the value");
+            return None;
+        }
         self.foreign_keys(at, kind);
         let Target { address, encoding, verify, share, applied, display } = match kind {
             Some(LineKind::Can) => self.on_can(at, name, device)?,
@@ -422,6 +427,7 @@ impl RawOutput {
             Address::Frame(field) => field.bits.data_type(),
             Address::Object(object) => object.data_type,
             Address::Node(node) => node.taken_as(),
+            Address::Sensor(_) => DataType::F64,
             Address::Modbus(register) => register::one(*register),
         });
         let scale = self.scale(&at.key("scale"), data_type);

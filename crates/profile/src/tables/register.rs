@@ -144,9 +144,9 @@ impl Notation {
         }
     }
 
-    /// Neither a register nor an object nor a node, but bits that say themselves of which kind they are.
+    /// Neither a register nor an object nor a node nor a sensor, but bits that say themselves of which kind they are.
     pub(crate) fn is_in_frames(&self) -> bool {
-        let is_asked_for = ["object ", "node "].iter().any(|kind| self.protocol.starts_with(kind));
+        let is_asked_for = ["object ", "node ", "sensor "].iter().any(|kind| self.protocol.starts_with(kind));
         self.modicon.is_empty() && !is_asked_for
     }
 }

@@ -9,17 +9,19 @@ use super::bus::LineKind;
 use super::can::{self, RawFrame, RawPdo, Sender};
 use super::label::{self, labelled};
 use super::register::{self, Flag, Notation, TypeWord, WordOrderWord, plain};
-use super::{At, dbc, expression, opcua};
+use super::{At, dbc, expression, opcua, sysfs};
 use crate::dbc::Described;
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
 use crate::{DeviceId, Profile, ReadBy};
+use bad::{BadValue, sentinels, sentinels_fit};
 use counter::{Capture, RawCounter};
-use isotherm_core::codec::{Address, Counter, DataType, Encoding, Sentinel};
+use isotherm_core::codec::{Address, Counter, DataType, Encoding, PcSensor};
 use isotherm_core::compensation::model::Condition;
 use isotherm_core::reading::Reason;
 use unit::Unit;
 
+mod bad;
 pub(crate) mod counter;
 pub(crate) mod unit;
 
@@ -41,6 +43,9 @@ pub(crate) struct RawSignal {
     register: Option<String>,
     /// OPC UA: the server's name of a node: "ns=2;s=/Nck/State" or "ns=3;i=1005".
     node: Option<String>,
+    /// A sensor of this computer: "w1:28-0316a2794f01", "hwmon:NAME/LABEL" or "iio:NAME/LABEL"; "hwmon:NAME@DEVICE/LABEL" where
+    /// several chips have one name.
+    sensor: Option<String>,
     /// How the value lies in its registers; required for input and holding registers. Of a node: its own type; default: whatever
     /// number it has.
     #[serde(rename = "type")]
@@ -102,43 +107,6 @@ impl JsonSchema for ChannelValue {
     }
 }
 
-/// A raw value that means "no measurement": the number, or what the device says by it as well.
-#[derive(Debug, Deserialize)]
-#[serde(untagged)]
-enum BadValue {
-    Number(i64),
-    Named(RawSentinel),
-}
-
-/// A raw value with what the device says by it.
-#[derive(Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "Sentinel")]
-struct RawSentinel {
-    /// The raw count, before scaling.
-    #[schemars(required)]
-    raw: Option<i64>,
-    /// What the device says by it.
-    #[schemars(required, schema_with = "meanings")]
-    means: Option<String>,
-}
-
-impl JsonSchema for BadValue {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "Bad".into()
-    }
-
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        let named = RawSentinel::json_schema(generator);
-        schemars::json_schema!({ "anyOf": [{ "type": "integer" }, named] })
-    }
-}
-
-fn meanings(_: &mut SchemaGenerator) -> Schema {
-    let meanings = Reason::MEANINGS.map(|(meaning, _)| meaning);
-    schemars::json_schema!({ "type": "string", "enum": meanings })
-}
-
 fn units(_: &mut SchemaGenerator) -> Schema {
     schemars::json_schema!({ "type": "string", "enum": Unit::WORDS })
 }
@@ -184,18 +152,20 @@ impl Signal {
         let channel = device.channel(name);
         let device = &device.name;
         let shown = labelled(name, &self.label);
-        let mut line = match register.is_in_frames() {
-            true => format!("  {shown}: {register}, from {device}"),
-            false => match self.address.node() {
-                Some(node) if node.data_type.is_none() => {
-                    format!("  {shown}: {register} of {device}, the node's own type")
-                }
-                _ => format!("  {shown}: {register} of {device}, {data_type}"),
-            },
+        let sensor = self.address.sensor();
+        let mut line = match (register.is_in_frames(), sensor, self.address.node()) {
+            (true, ..) => format!("  {shown}: {register}, from {device}"),
+            (false, Some(_), _) => format!("  {shown}: {register} of {device}"),
+            (false, None, Some(node)) if node.data_type.is_none() => {
+                format!("  {shown}: {register} of {device}, the node's own type")
+            }
+            (false, None, _) => format!("  {shown}: {register} of {device}, {data_type}"),
         };
         let word_order = register::shown_order(&self.address, encoding);
         line.extend(word_order.iter().map(|order| format!(" {order}")));
-        if data_type != "bool" {
+        if sensor.is_some() && (scale - 1.0).abs() > 0.0 {
+            line += &format!(", times {scale}");
+        } else if sensor.is_none() && data_type != "bool" {
             let unit = unit.to_string();
             let space = if unit.is_empty() { "" } else { " " };
             let each = opcua::one_of(&self.address);
@@ -209,6 +179,12 @@ impl Signal {
         line.extend(channel.iter().map(|channel| format!("; {channel}")));
         let mut section = Section::default();
         section.line(line);
+        let read_in = sensor.map(|sensor| {
+            let sought = sensor.sought_in(&profile.bus(profile.device(self.device).bus).address);
+            format!("read in {sought}")
+        });
+        section.lines("    ", &read_in);
+        section.entry("read_in", read_in);
         section.entry("name", name);
         section.entry("label", &self.label);
         section.entry("device", device);
@@ -232,6 +208,12 @@ impl Signal {
     fn doubts(&self) -> Vec<String> {
         let unit = self.unit;
         let mut doubts = Vec::new();
+        if let Some(PcSensor::OneWire(_)) = self.address.sensor() {
+            doubts.push("where its checksum is wrong or it reads all zero".to_owned());
+        }
+        if self.address.sensor().is_some_and(PcSensor::is_ds18b20) {
+            doubts.push("at exactly 85 °C (power-on)".to_owned());
+        }
         let bad = self.encoding.bad.iter().map(|bad| match bad.means {
             Reason::Sentinel => bad.raw.to_string(),
             means => format!("{} ({means})", bad.raw),
@@ -265,9 +247,9 @@ impl RawSignal {
         let check = at.check;
         let index = at.key("device").named(&check.devices, self.device.as_ref());
         let device = index.and_then(|index| check.devices.get(index));
-        let places = ["register", "dbc", "sdo", "pdo", "frame", "node"];
+        let places = ["register", "dbc", "sdo", "pdo", "frame", "node", "sensor"];
         if places.into_iter().filter(|key| at.has(key)).count() > 1 {
-            let help = "keep one of register, channel, dbc, pdo, sdo, frame, node";
+            let help = "keep one of register, channel, dbc, pdo, sdo, frame, node, sensor";
             at.wrong_key("the signal is read from more than one place", help);
         }
         let kind = check.line_kind(self.device.as_ref());
@@ -283,18 +265,21 @@ impl RawSignal {
         let max_rate = at.key("max_rate").positive(self.max_rate);
         let fault_when = expression::condition(&at.key("fault_when"), self.fault_when.as_ref(), Some(name));
         let (on_can, on_opcua) = (kind == Some(LineKind::Can), kind == Some(LineKind::OpcUa));
+        let on_sysfs = kind == Some(LineKind::Sysfs);
         let on_can_somewhere = self.comes_by_itself() || self.sdo.is_some();
         // A channel that brought no place has been reported.
-        let is_nowhere =
-            self.register.is_none() && !(on_can && on_can_somewhere) && !(on_opcua && self.node.is_some());
-        if (is_nowhere && at.key("channel").is_written())
-            || (is_nowhere && !on_can && !on_opcua && (on_can_somewhere || self.node.is_some()))
-        {
+        let is_nowhere = self.register.is_none()
+            && !(on_can && on_can_somewhere)
+            && !(on_opcua && self.node.is_some())
+            && !on_sysfs;
+        let is_elsewhere = on_can_somewhere || self.node.is_some() || self.sensor.is_some();
+        if is_nowhere && (at.key("channel").is_written() || (!on_can && !on_opcua && is_elsewhere)) {
             return None;
         }
         let Located { address, encoding, unit } = match kind {
             Some(LineKind::Can) => self.on_can(at)?,
             Some(LineKind::OpcUa) => self.in_a_node(at)?,
+            Some(LineKind::Sysfs) => self.of_this_computer(at)?,
             Some(LineKind::Modbus) | None => self.in_registers(at, index)?,
         };
         let unit = match self.unit.as_deref() {
@@ -323,15 +308,33 @@ impl RawSignal {
             max_rate,
             max_age: max_age?,
             fault_when,
-            merge: on_can || on_opcua || self.merge.unwrap_or(true),
+            merge: on_can || on_opcua || on_sysfs || self.merge.unwrap_or(true),
             counter,
-            capture: capture.filter(|_| !on_can && !on_opcua),
+            capture: capture.filter(|_| !on_can && !on_opcua && !on_sysfs),
         })
     }
 
     /// Keys that belong to another kind of line.
     fn foreign_keys(&self, at: &At<'_>, kind: Option<LineKind>) {
         let (Some(kind), Some(device)) = (kind, &self.device) else { return };
+        if kind == LineKind::Sysfs {
+            let help = format!(
+                "`{device}` is sensors of this computer: write sensor = \"w1:28-…\" or \"hwmon:NAME/LABEL\""
+            );
+            at.foreign(
+                &["register", "node", "dbc", "pdo", "sdo", "frame", "channel"],
+                "another kind of line",
+                &help,
+            );
+            let help = "remove it: the kernel gives a temperature, and says itself when there is none";
+            at.foreign(
+                &["type", "word_order", "byte_swap", "merge", "bad", "counter"],
+                "another kind of line",
+                help,
+            );
+            return;
+        }
+        at.foreign(&["sensor"], "a sensor of this computer", "remove it, or put the device on a sysfs line");
         if kind == LineKind::OpcUa {
             let help = format!("`{device}` is an OPC UA server: write node = \"ns=2;s=…\"");
             at.foreign(&["register", "word_order", "byte_swap", "merge"], "a Modbus device", &help);
@@ -359,13 +362,21 @@ impl RawSignal {
     fn in_a_node(&self, at: &At<'_>) -> Option<Located> {
         let node = opcua::read(at, self.node.as_ref(), self.kind);
         let scale = register::scale(&at.key("scale"), self.scale.unwrap_or(1.0));
-        let bad = self.sentinels(&at.key("bad"));
+        let bad = sentinels(self.bad.as_ref(), &at.key("bad"));
         let (node, scale) = (node?, scale?);
         let data_type = node.taken_as();
         let offset = self.offset.unwrap_or(0.0);
         let encoding = Encoding { scale, offset, bad, ..plain(data_type) };
         let unit = (data_type == DataType::Bool).then_some(Unit("bool"));
         Some(Located { address: Address::Node(node), encoding, unit })
+    }
+
+    fn of_this_computer(&self, at: &At<'_>) -> Option<Located> {
+        let sensor = sysfs::sensor(at, self.sensor.as_ref());
+        sysfs::unit(&at.key("unit"), self.unit.as_deref());
+        let scale = register::scale(&at.key("scale"), self.scale.unwrap_or(1.0))?;
+        let encoding = Encoding { scale, offset: self.offset.unwrap_or(0.0), ..plain(DataType::F64) };
+        Some(Located { address: Address::Sensor(sensor?), encoding, unit: Some(Unit("degC")) })
     }
 
     fn in_registers(&self, at: &At<'_>, device: Option<usize>) -> Option<Located> {
@@ -404,7 +415,7 @@ impl RawSignal {
             byte_swap: self.byte_swap.unwrap_or(false),
             scale: scale?,
             offset: self.offset.unwrap_or(0.0),
-            bad: self.sentinels(&at.key("bad")),
+            bad: sentinels(self.bad.as_ref(), &at.key("bad")),
             ..plain(data_type)
         };
         Some(Located { address: address.into(), encoding, unit: is_bit.then_some(Unit("bool")) })
@@ -466,10 +477,11 @@ impl RawSignal {
             Address::Frame(field) => field.bits.data_type(),
             Address::Object(object) => object.data_type,
             Address::Node(node) => node.taken_as(),
+            Address::Sensor(_) => DataType::F64,
             Address::Modbus(register) => register::one(*register),
         };
         let unit = unit.or((data_type == DataType::Bool && self.dbc.is_none()).then_some(Unit("bool")));
-        let bad = self.sentinels(&at.key("bad"));
+        let bad = sentinels(self.bad.as_ref(), &at.key("bad"));
         let scale = register::scale(&at.key("scale"), scale)?;
         Some(Located { address, encoding: Encoding { scale, offset, bad, ..plain(data_type) }, unit })
     }
@@ -546,41 +558,12 @@ impl RawSignal {
         }
         Some(age)
     }
-
-    /// The raw values that mean "no measurement", with what the device says by them.
-    fn sentinels(&self, at: &At<'_>) -> Vec<Sentinel> {
-        let mut sentinels = Vec::new();
-        for (place, bad) in self.bad.iter().flatten().enumerate() {
-            match bad {
-                BadValue::Number(raw) => sentinels.push(Sentinel::from(*raw)),
-                BadValue::Named(RawSentinel { raw: Some(raw), means: Some(meaning) }) => {
-                    let known = Reason::MEANINGS.iter().find(|(known, _)| known == meaning);
-                    sentinels.extend(known.map(|(_, means)| Sentinel { raw: *raw, means: *means }));
-                }
-                BadValue::Named(RawSentinel { raw, .. }) => {
-                    let key = if raw.is_none() { "raw" } else { "means" };
-                    let help = "write the raw value, or both, as { raw = -512, means = \"open circuit\" }";
-                    at.item(place).key(key).missing(format!("`{key}` is missing"), help);
-                }
-            }
-        }
-        sentinels
-    }
 }
 
-/// A sentinel that the type cannot hold is never seen: a broken sensor would be believed.
-fn sentinels_fit(at: &At<'_>, encoding: &Encoding) {
-    let Some((low, high)) = encoding.data_type.integer_range() else { return };
-    for bad in encoding.bad.iter().filter(|bad| !(low..=high).contains(&i128::from(bad.raw))) {
-        let help = format!("allowed: {low} to {high}, as the raw count reads in this type");
-        at.wrong(format!("{} never holds {}", encoding.data_type.name(), bad.raw), help);
-    }
-}
-
-/// Why a value in frames has no `type`.
 /// Sampled, sent, asked for by the round before and taken by the next: so many periods old may be what a subscription brings.
 const SENT_WITHIN: u32 = 4;
 
+/// Why a value in frames has no `type`.
 const OF_BITS: &str = "remove it: `length`, `signed` and `float` say it";
 
 fn no_fill(at: &At<'_>, is_there: bool) {

@@ -119,7 +119,7 @@ impl Functions {
     pub const fn reads_at(self, address: &Address) -> bool {
         match address {
             Address::Modbus(register) => self.reads(register.table),
-            Address::Object(_) | Address::Node(_) => true,
+            Address::Object(_) | Address::Node(_) | Address::Sensor(_) => true,
             Address::Frame(_) => false,
         }
     }

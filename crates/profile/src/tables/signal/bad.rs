@@ -1,0 +1,74 @@
+//! `bad` of a signal: raw values that mean "no measurement".
+
+use schemars::{JsonSchema, Schema, SchemaGenerator};
+use serde::Deserialize;
+
+use crate::tables::At;
+use isotherm_core::codec::{Encoding, Sentinel};
+use isotherm_core::reading::Reason;
+
+/// A raw value that means "no measurement": the number, or what the device says by it as well.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+pub(super) enum BadValue {
+    Number(i64),
+    Named(RawSentinel),
+}
+
+/// A raw value with what the device says by it.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Sentinel")]
+pub(super) struct RawSentinel {
+    /// The raw count, before scaling.
+    #[schemars(required)]
+    raw: Option<i64>,
+    /// What the device says by it.
+    #[schemars(required, schema_with = "meanings")]
+    means: Option<String>,
+}
+
+impl JsonSchema for BadValue {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Bad".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let named = RawSentinel::json_schema(generator);
+        schemars::json_schema!({ "anyOf": [{ "type": "integer" }, named] })
+    }
+}
+
+fn meanings(_: &mut SchemaGenerator) -> Schema {
+    let meanings = Reason::MEANINGS.map(|(meaning, _)| meaning);
+    schemars::json_schema!({ "type": "string", "enum": meanings })
+}
+
+/// The raw values that mean "no measurement", with what the device says by them.
+pub(super) fn sentinels(bad: Option<&Vec<BadValue>>, at: &At<'_>) -> Vec<Sentinel> {
+    let mut sentinels = Vec::new();
+    for (place, bad) in bad.into_iter().flatten().enumerate() {
+        match bad {
+            BadValue::Number(raw) => sentinels.push(Sentinel::from(*raw)),
+            BadValue::Named(RawSentinel { raw: Some(raw), means: Some(meaning) }) => {
+                let known = Reason::MEANINGS.iter().find(|(known, _)| known == meaning);
+                sentinels.extend(known.map(|(_, means)| Sentinel { raw: *raw, means: *means }));
+            }
+            BadValue::Named(RawSentinel { raw, .. }) => {
+                let key = if raw.is_none() { "raw" } else { "means" };
+                let help = "write the raw value, or both, as { raw = -512, means = \"open circuit\" }";
+                at.item(place).key(key).missing(format!("`{key}` is missing"), help);
+            }
+        }
+    }
+    sentinels
+}
+
+/// A sentinel that the type cannot hold is never seen: a broken sensor would be believed.
+pub(super) fn sentinels_fit(at: &At<'_>, encoding: &Encoding) {
+    let Some((low, high)) = encoding.data_type.integer_range() else { return };
+    for bad in encoding.bad.iter().filter(|bad| !(low..=high).contains(&i128::from(bad.raw))) {
+        let help = format!("allowed: {low} to {high}, as the raw count reads in this type");
+        at.wrong(format!("{} never holds {}", encoding.data_type.name(), bad.raw), help);
+    }
+}

@@ -1,0 +1,90 @@
+//! What is written of sensors of this computer: which, in which unit, and how long they take.
+
+use std::time::Duration;
+
+use super::bus::Transport;
+use super::{At, Check};
+use crate::duration::shown;
+use isotherm_core::codec::PcSensor;
+
+/// Where the kernel has its sensors.
+pub(super) const ROOT: &str = "/sys";
+/// Longest wait for all sensors of a device, where nothing else is said: one of 1-Wire takes most of a second.
+pub(super) const TIMEOUT: Duration = Duration::from_secs(2);
+/// A 1-Wire sensor measures for 750 ms at 12 bits (DS18B20), and is asked before and read after that.
+const ONE_WIRE: Duration = Duration::from_secs(1);
+/// Why nothing is written there.
+pub(super) const ONLY_READ: &str =
+    "sensors of this computer are only read: nothing is written to a sysfs line";
+
+/// The directory of a sysfs line.
+pub(super) fn root(at: &At<'_>, address: Option<&String>) -> Option<String> {
+    let Some(address) = address else { return Some(ROOT.to_owned()) };
+    if !address.starts_with('/') {
+        let help = "leave it out: \"/sys\"; in a container, where the host's is mounted: \"/host/sys\"";
+        at.key("address").wrong(format!("`{address}` is no whole path of a directory"), help);
+        return None;
+    }
+    if let Some(inside) = ["/class", "/bus/"].iter().find_map(|inside| address.find(inside)) {
+        let help = format!(
+            "write the directory above: \"{}\"; the sensor is named at its signal",
+            &address[..inside]
+        );
+        at.key("address").wrong(format!("`{address}` lies inside of what the kernel shows"), help);
+        return None;
+    }
+    Some(address.clone())
+}
+
+/// The sensor at this key of a signal.
+pub(super) fn sensor(signal: &At<'_>, text: Option<&String>) -> Option<PcSensor> {
+    let at = signal.key("sensor");
+    let Some(text) = text else {
+        let is_elsewhere =
+            ["register", "node", "dbc", "pdo", "sdo", "frame"].iter().any(|key| signal.has(key));
+        if !is_elsewhere {
+            let help = "write \"w1:28-0316a2794f01\", \"hwmon:NAME/LABEL\" or \"iio:NAME/LABEL\"; `isotherm scan --bus /sys` lists \
+                        what this computer has";
+            at.missing("`sensor` is missing: which one is read?", help);
+        }
+        return None;
+    };
+    let report = |why: String| {
+        let (message, help) = why.split_once("; ").unwrap_or((&why, "write it as `isotherm scan` does"));
+        at.wrong(message, format!("{help}; `isotherm scan --bus /sys` lists what this computer has"));
+    };
+    text.parse().map_err(report).ok()
+}
+
+/// The unit of such a sensor, which the kernel fixes.
+pub(super) fn unit(at: &At<'_>, unit: Option<&str>) {
+    if let Some(unit) = unit.filter(|unit| *unit != "degC") {
+        at.wrong(format!("a sensor of this computer is read in °C, not in \"{unit}\""), "leave `unit` out");
+    }
+}
+
+/// 1-Wire sensors that are not given the time they take, or asked before it is over.
+pub(super) fn too_quick(check: &Check<'_>) {
+    for signal in check.signals.right() {
+        let Some(PcSensor::OneWire(id)) = signal.address.sensor() else { continue };
+        let Some(device) = check.devices.get(signal.device.0) else { continue };
+        let Some(bus) = check.bus_of(device).filter(|bus| bus.transport == Transport::Sysfs) else {
+            continue;
+        };
+        let takes = format!("{id} measures for up to 750 ms (12 bits)");
+        let at = check.at("bus").key(&bus.name).key("timeout");
+        if bus.timeout < ONE_WIRE && at.is_written() {
+            at.warn(
+                format!("{takes}, and is waited for {}", shown(bus.timeout)),
+                "write \"2s\", or leave it out",
+            );
+        } else if device.every < ONE_WIRE {
+            let message = format!("{takes}, and is read every {}", shown(device.every));
+            let help = "write every = \"1s\" or longer at its device; quicker sensors can have a device of their own";
+            check.at("device").key(&device.name).key("every").warn(message, help);
+        } else {
+            continue;
+        }
+        return;
+    }
+}

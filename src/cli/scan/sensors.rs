@@ -1,0 +1,46 @@
+//! The temperatures that this computer reads by itself; as lines of a profile too.
+
+use std::path::Path;
+use std::time::Duration;
+
+use crate::cli::print_json;
+use crate::cli::say::{say, say_all};
+use crate::cli::target::Line;
+use crate::discovery::sysfs::{Temperature, scan};
+
+/// A 1-Wire sensor takes most of a second.
+const TIMEOUT: Duration = Duration::from_secs(2);
+
+pub(super) fn run(line: &Line, timeout: Option<Duration>, json: bool) -> anyhow::Result<()> {
+    let root = &line.bus.address;
+    let timeout = timeout.unwrap_or(line.bus.timeout.max(TIMEOUT));
+    let found = crate::cli::runtime()?.block_on(scan(Path::new(root), timeout));
+    if json {
+        print_json(&serde_json::json!({ "address": root, "sensors": found }))?;
+    } else if !found.is_empty() {
+        say!("This computer has in {root}")?;
+        say_all!("{}", table(&found))?;
+        if line.known.is_none() {
+            let (lines, sensor) = (line.address.profile_lines(), &found[0].sensor);
+            say_all!(
+                "\n# for a profile:\n[bus.pc]\n{lines}\n[device.pc]\nbus = \"pc\"\nevery = \"2s\"\n\n[signal.NAME]\n\
+                 device = \"pc\"\nsensor = \"{sensor}\"\n"
+            )?;
+        }
+    }
+    anyhow::ensure!(
+        !found.is_empty(),
+        "no temperature is in {root}: is it where the kernel shows its devices, and are the drivers of the sensors loaded?"
+    );
+    Ok(())
+}
+
+/// A line for each.
+fn table(found: &[Temperature]) -> String {
+    let width = found.iter().map(|found| found.sensor.chars().count()).max().unwrap_or(0);
+    let lines = found.iter().map(|Temperature { sensor, read_in, value, reason }| {
+        let value = value.map_or_else(|| reason.clone(), |value| format!("{value:.3} °C"));
+        format!("  {sensor:<width$}  {value:>11}  {read_in}\n")
+    });
+    lines.collect()
+}

@@ -1,0 +1,112 @@
+//! The temperatures of this computer: which there are, and which of a profile's there are not.
+
+use std::path::Path;
+use std::time::Duration;
+
+use serde::Serialize;
+
+use crate::clock::Patience;
+use crate::fieldbus::sysfs::find::{Present, all, find};
+use crate::fieldbus::sysfs::readers::Readers;
+use isotherm_core::codec::PcSensor;
+use isotherm_core::reading::Reason;
+use isotherm_profile::{Profile, Transport};
+
+/// Nobody reads more names than this.
+const MOST: usize = 20;
+
+/// A temperature that there is.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Temperature {
+    /// What a profile calls it.
+    pub sensor: String,
+    /// The file that it is read in.
+    pub read_in: String,
+    /// °C; `None`: there is none now.
+    pub value: Option<f64>,
+    /// Why there is none; empty where there is one.
+    pub reason: String,
+}
+
+/// A sensor of a profile.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Inspected {
+    /// Its bus in the profile.
+    pub bus: String,
+    /// What the profile has it for: `signal bed`.
+    pub of: String,
+    /// What the profile calls it.
+    pub sensor: String,
+    /// The file that it is read in; `None`: it is not.
+    pub read_in: Option<String>,
+    /// What is wrong, and what there is instead.
+    pub advice: Option<String>,
+}
+
+/// Every temperature below this directory, each read once.
+pub async fn scan(root: &Path, timeout: Duration) -> Vec<Temperature> {
+    let present = all(root);
+    let sensors: Vec<PcSensor> = present.iter().map(|present| present.sensor.clone()).collect();
+    let values = Readers::default().read(root, &sensors, timeout, &mut Patience::new()).await;
+    let found = present.iter().zip(values).map(|(present, value)| Temperature {
+        sensor: present.sensor.to_string(),
+        read_in: present.files.to_string(),
+        value: value.ok(),
+        reason: value.err().map(|reason| reason.to_string()).unwrap_or_default(),
+    });
+    found.collect()
+}
+
+/// Looks for each sensor of a profile. Reads no temperature.
+pub fn inspect(profile: &Profile) -> Vec<Inspected> {
+    let mut inspected = Vec::new();
+    for signal in &profile.signals {
+        let bus = profile.bus(profile.device(signal.device).bus);
+        let Some(sensor) = signal.address.sensor().filter(|_| bus.transport == Transport::Sysfs) else {
+            continue;
+        };
+        let root = Path::new(&bus.address);
+        let found = find(root, sensor);
+        inspected.push(Inspected {
+            bus: bus.name.clone(),
+            of: format!("signal {}", signal.name),
+            sensor: sensor.to_string(),
+            read_in: found.as_ref().ok().map(ToString::to_string),
+            advice: found.err().map(|reason| advice(root, sensor, reason)),
+        });
+    }
+    inspected
+}
+
+fn advice(root: &Path, sensor: &PcSensor, reason: Reason) -> String {
+    let present = all(root);
+    let called = |of: &dyn Fn(&Present) -> bool| {
+        let names = present.iter().filter(|present| of(present)).map(|present| present.sensor.to_string());
+        let mut names: Vec<String> = names.collect();
+        if names.len() > MOST {
+            names.truncate(MOST);
+            names.push("…".to_owned());
+        }
+        names.join(", ")
+    };
+    if reason == Reason::SeveralFound {
+        return format!("{reason}: write one of {}", called(&|present| present.is(sensor)));
+    }
+    let (kind, driver) = match sensor {
+        PcSensor::OneWire(_) => {
+            ("w1:", "is it plugged in, is the 1-Wire adapter's driver loaded (`lsmod | grep w1`)")
+        }
+        PcSensor::Hwmon(_) => {
+            ("hwmon:", "is the chip's driver loaded (`sensors-detect` finds which it needs)")
+        }
+        PcSensor::Iio(_) => {
+            ("iio:", "is the chip's driver loaded, does the device tree name it (`ls /sys/bus/iio/devices`)")
+        }
+    };
+    let others = called(&|present| present.sensor.to_string().starts_with(kind));
+    match (others.is_empty(), present.is_empty()) {
+        (false, _) => format!("{reason}; of its kind it has: {others}"),
+        (true, false) => format!("{reason}, and none of its kind: {driver}? It has: {}", called(&|_| true)),
+        (true, true) => format!("{reason}, and no other in {}: {driver}?", root.display()),
+    }
+}

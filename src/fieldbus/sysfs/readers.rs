@@ -1,0 +1,80 @@
+//! Reads that block, each on a thread of its own, and what has come of them in time.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::mpsc::unbounded_channel;
+
+use super::find::find;
+use super::value;
+use crate::clock::Patience;
+use isotherm_core::codec::PcSensor;
+use isotherm_core::reading::Reason;
+
+/// Reads sensors, and knows which reads have not come back.
+#[derive(Clone, Debug, Default)]
+pub struct Readers(Arc<Mutex<BTreeSet<PcSensor>>>);
+
+/// A read that is under way. When it ends, however it does, its sensor may be asked again.
+struct UnderWay {
+    readers: Readers,
+    sensor: PcSensor,
+}
+
+impl Drop for UnderWay {
+    fn drop(&mut self) {
+        self.readers.under_way().remove(&self.sensor);
+    }
+}
+
+impl Readers {
+    fn under_way(&self) -> MutexGuard<'_, BTreeSet<PcSensor>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn begin(&self, sensor: &PcSensor) -> Option<UnderWay> {
+        let is_free = self.under_way().insert(sensor.clone());
+        is_free.then(|| UnderWay { readers: self.clone(), sensor: sensor.clone() })
+    }
+
+    /// Reads all of these at once, and waits for them no longer than `within`. Of each, in this order, °C, or why there is none;
+    /// of one whose last read has not come back that it does not answer in time.
+    pub async fn read(
+        &self,
+        root: &Path,
+        sensors: &[PcSensor],
+        within: Duration,
+        patience: &mut Patience,
+    ) -> Vec<Result<f64, Reason>> {
+        let mut found: Vec<Result<f64, Reason>> = vec![Err(Reason::Timeout); sensors.len()];
+        let (sender, mut receiver) = unbounded_channel();
+        for (place, sensor) in sensors.iter().enumerate() {
+            if sensors[..place].contains(sensor) {
+                continue;
+            }
+            let Some(under_way) = self.begin(sensor) else { continue };
+            let (sender, root) = (sender.clone(), root.to_owned());
+            let read = move || {
+                let sensor = under_way.sensor.clone();
+                let value = find(&root, &sensor).and_then(|file| value::read(&file, &sensor));
+                // Free before anybody hears of it, and so asks again.
+                drop(under_way);
+                let _ = sender.send((sensor, value));
+            };
+            if std::thread::Builder::new().name("sensor".to_owned()).spawn(read).is_err() {
+                found[place] = Err(Reason::Unreadable);
+            }
+        }
+        drop(sender);
+        let gathering = async {
+            while let Some((sensor, value)) = receiver.recv().await {
+                let same = found.iter_mut().zip(sensors).filter(|(_, other)| **other == sensor);
+                same.for_each(|(found, _)| *found = value);
+            }
+        };
+        let _ = patience.within(within, gathering).await;
+        found
+    }
+}
