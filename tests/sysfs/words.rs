@@ -74,7 +74,7 @@ fn check_online_says_where_a_sensor_was_found_and_what_there_is_instead_of_one_t
     let (home, tree) = (tempfile::tempdir().unwrap(), tree());
     let path = profile(home.path(), &tree);
     let check = || isotherm(home.path()).arg("check").arg(&path).arg("--online").output().unwrap();
-    says(&check(), true, &["signal bed at sensor w1:28-0316a2794f01: ", "/w1_slave", "23.1250 °C"]);
+    says(&check(), true, &["signal bed at sensor w1:28-0316a2794f01: ", "/w1_slave", "23.1250 degC"]);
     std::fs::remove_dir_all(tree.root().join("bus/w1/devices").join(PROBE)).unwrap();
     let instead = "this computer has no sensor of this name; of its kind it has: w1:28-ffff64d0f1a2";
     says(&check(), false, &[instead]);
