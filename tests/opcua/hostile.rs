@@ -23,9 +23,9 @@ fn answers(second: Vec<u8>) -> u16 {
                 [28u32, 0, 65_536, 65_536, 0, 0].into_iter().flat_map(u32::to_le_bytes).collect();
             let welcome = [b"ACKF".to_vec(), numbers].concat();
             let mut talk = |stream: &mut TcpStream| {
-                stream.read(&mut asked)?;
+                let _hello = stream.read(&mut asked)?;
                 stream.write_all(&welcome)?;
-                stream.read(&mut asked)?;
+                let _channel = stream.read(&mut asked)?;
                 stream.write_all(&second)?;
                 stream.read(&mut asked)
             };

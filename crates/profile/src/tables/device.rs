@@ -336,6 +336,6 @@ impl RawDevice {
 
     /// What it understands, by its line; `None` where that is not known.
     pub(super) fn line_kind(&self, check: &Check<'_>) -> Option<LineKind> {
-        Some(check.raw.bus.get(self.bus.as_ref()?)?.line_kind()?)
+        check.raw.bus.get(self.bus.as_ref()?)?.line_kind()
     }
 }

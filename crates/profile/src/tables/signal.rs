@@ -268,12 +268,12 @@ impl RawSignal {
         let on_sysfs = kind == Some(LineKind::Sysfs);
         let on_can_somewhere = self.comes_by_itself() || self.sdo.is_some();
         // A channel that brought no place has been reported.
-        let is_nowhere = self.register.is_none()
-            && !(on_can && on_can_somewhere)
-            && !(on_opcua && self.node.is_some())
-            && !on_sysfs;
+        let is_somewhere = self.register.is_some()
+            || on_sysfs
+            || on_can && on_can_somewhere
+            || on_opcua && self.node.is_some();
         let is_elsewhere = on_can_somewhere || self.node.is_some() || self.sensor.is_some();
-        if is_nowhere && (at.key("channel").is_written() || (!on_can && !on_opcua && is_elsewhere)) {
+        if !is_somewhere && (at.key("channel").is_written() || (!on_can && !on_opcua && is_elsewhere)) {
             return None;
         }
         let Located { address, encoding, unit } = match kind {
