@@ -12,13 +12,13 @@ use isotherm::gateway::Options;
 use isotherm::observe::status::Status;
 
 /// How long the sensor is waited for: whoever waited with it would be late by that.
-const HANGS: Duration = Duration::from_secs(6);
+const HANGS: Duration = Duration::from_secs(15);
 
 const SENSORS: &str = r#"
 [bus.pc]
 type = "sysfs"
 address = "ROOT"
-timeout = "6s"
+timeout = "15s"
 [device.probes]
 bus = "pc"
 every = "200ms"
@@ -32,9 +32,9 @@ sensor = "w1:28-0316a2794f01"
 
 fn machine(device: &Device, tree: &Tree) -> String {
     let times = Times {
-        timeout: Duration::from_millis(300),
-        every: Duration::from_millis(600),
-        max_age: Duration::from_secs(5),
+        timeout: Duration::from_secs(3),
+        every: Duration::from_millis(900),
+        max_age: Duration::from_secs(30),
     };
     profile(device.address(), times) + &SENSORS.replace("ROOT", tree.root().to_str().unwrap())
 }
@@ -70,11 +70,11 @@ fn a_sensor_that_hangs_holds_no_other_line_and_no_end() {
         let asked = seen.iter().filter(|seen| matches!(seen.what, What::Asked { .. }));
         let asked: Vec<_> = asked.map(|seen| seen.at).collect();
         let longest = asked.windows(2).map(|pair| pair[1].since(pair[0])).max().unwrap();
-        assert!(longest < HANGS - Duration::from_secs(1), "the machine was not asked for {longest:?}");
+        assert!(longest < HANGS - Duration::from_secs(3), "the machine was not asked for {longest:?}");
         ends.send(by.now()).unwrap();
     });
     let took = clock.now().since(ended.recv().unwrap());
-    assert!(took < Duration::from_secs(15), "{took:?}");
+    assert!(took < Duration::from_secs(40), "{took:?}");
 }
 
 #[test]
@@ -93,7 +93,7 @@ fn the_program_ends_in_time_while_a_sensor_hangs() {
 fn a_sensor_at_power_on_and_one_that_is_disturbed_are_bad_until_they_are_well() {
     let (device, tree) = served();
     tree.measures(PROBE, 85_000);
-    beside(&machine(&device, &tree).replace("6s", "3s"), Options::default(), move |source| {
+    beside(&machine(&device, &tree).replace("15s", "8s"), Options::default(), move |source| {
         wait_until(source, "85 °C at power-on", |status| quality(status, "probe") == "power-on-value");
         tree.measures(PROBE, 23_125);
         wait_until(source, "it has measured", |status| quality(status, "probe") == "good");

@@ -13,7 +13,8 @@ use isotherm::fieldbus::wire::Request;
 use isotherm_core::reading::Reason;
 use isotherm_profile::{DeviceId, Profile, Transport};
 
-const TIMEOUT: Duration = Duration::from_millis(1500);
+/// Long enough for what does not hang, on a computer that is busy with something else.
+const TIMEOUT: Duration = Duration::from_secs(6);
 
 const PROFILE: &str = r#"
 [machine]
@@ -21,7 +22,7 @@ name = "pc"
 [bus.pc]
 type = "sysfs"
 address = "ROOT"
-timeout = "1500ms"
+timeout = "6s"
 [device.probes]
 bus = "pc"
 every = "5s"
