@@ -83,8 +83,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         mode: MODE,
         bytes,
     }));
-    std::fs::create_dir_all(&arguments.to)?;
-    make_directory(&directory)?;
+    let shown = arguments.to.display();
+    std::fs::create_dir_all(&arguments.to).with_context(|| format!("{shown} cannot be made"))?;
+    make_directory(&directory).with_context(|| format!("{} cannot be made", directory.display()))?;
     for file in &planned {
         put(file).with_context(|| format!("{} cannot be written", file.path.display()))?;
     }

@@ -200,3 +200,15 @@ fn nothing_is_restored_through_a_link() {
     assert!(code == 1 && told.contains("is a link"), "{told}");
     assert!(!bench.home.path().join("victim").exists());
 }
+
+#[test]
+fn a_directory_that_cannot_be_made_is_named() {
+    let mut bench = named("nowhere");
+    let file = backup(&bench, "walker.tar", &[]);
+    stop(&mut bench);
+    let (elsewhere, below) = (bench.home.path().join("elsewhere"), file.join("below"));
+    for (to, state) in [(&below, &elsewhere), (&elsewhere, &below)] {
+        let (code, told) = restore(&bench, &file, to, state);
+        assert!(code == 1 && told.contains(&below.display().to_string()), "{told}");
+    }
+}
