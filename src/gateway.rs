@@ -72,7 +72,7 @@ mod why;
 mod wire_log;
 
 use self::core::Core;
-use can::{Can, CanListener};
+use can::CanListener;
 use ledger::Ledger;
 use left::Left;
 use line_handle::LineHandle;
@@ -156,9 +156,6 @@ pub struct Pace {
     /// The period of every axis.
     pub axes: Duration,
 }
-
-/// What listens on a CAN line, and what the line shares with it.
-type Listener = (Arc<Can>, CanListener);
 
 /// A gateway that is about to run.
 pub struct Gateway {
@@ -382,22 +379,27 @@ impl Gateway {
         let sleepers = std::mem::take(&mut self.sleepers);
         let mut requests = 0;
         for (place, sleeper) in sleepers.into_iter().enumerate() {
-            let Some((task, listener)) = self.line_task(BusId(place), start) else { continue };
+            let Some((task, listener)) = self.line_task(BusId(place), sleeper, start) else { continue };
             requests += task.requests();
-            lines.insert(tasks.spawn(task.run(sleeper, listener)).id(), BusId(place));
+            lines.insert(tasks.spawn(task.run(listener)).id(), BusId(place));
         }
         requests
     }
 
     /// The task of a line, with its listener where it is CAN. `None` only where nothing opens a line of its kind.
-    fn line_task(&self, bus: BusId, start: Moment) -> Option<(LineTask, Option<Listener>)> {
+    fn line_task(
+        &self,
+        bus: BusId,
+        sleeper: Sleeper,
+        start: Moment,
+    ) -> Option<(Box<LineTask>, Option<Box<CanListener>>)> {
         let profile = &self.shared.profile;
         let devices: Vec<_> = profile.devices_on(bus).collect();
         let settings = profile.bus(bus);
         let handle = LineHandle::new(self.shared.clone(), bus);
-        let listener = CanListener::of(&handle, bus, self.wire_log.tap(bus));
-        let dial: Box<dyn Dial> = match &listener {
-            Some((can, _)) => Box::new(can.dial(settings)),
+        let (can, listener) = CanListener::of(&handle, bus, self.wire_log.tap(bus)).unzip();
+        let dial: Box<dyn Dial> = match &can {
+            Some(can) => Box::new(can.dial(settings)),
             None => (self.options.dialer)(settings)?,
         };
         let line = DeviceLine::new(settings, &devices, dial, &self.shared.clock)
@@ -405,7 +407,8 @@ impl Gateway {
             .witnessed(Arc::new(handle.clone()))
             .aged(profile.shortest_age());
         let line = if self.options.is_credulous { line.credulous() } else { line };
-        Some((LineTask::new(handle, bus, line, start), listener))
+        let task = LineTask::new(handle, bus, (line, sleeper), can, start);
+        Some((Box::new(task), listener.map(Box::new)))
     }
 
     fn watch(&self, stop: &Arc<Notify>) -> Watch {
@@ -429,8 +432,8 @@ impl Gateway {
         self.shared.report(&Event::TaskFailed { task, why });
         let sleeper = self.shared.clock.join();
         self.shared.register_wakeup(bus, sleeper.wakeup());
-        let Some((again, listener)) = self.line_task(bus, self.shared.clock.now()) else { return };
-        lines.insert(tasks.spawn(again.run(sleeper, listener)).id(), bus);
+        let Some((again, listener)) = self.line_task(bus, sleeper, self.shared.clock.now()) else { return };
+        lines.insert(tasks.spawn(again.run(listener)).id(), bus);
     }
 
     /// Where a strobe is still up, the lines drop it before they end.

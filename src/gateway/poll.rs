@@ -52,6 +52,7 @@ pub(super) struct LineTask {
     shared: LineHandle,
     bus: BusId,
     line: DeviceLine,
+    sleeper: Sleeper,
     can: Option<Arc<Can>>,
     inspector: Inspector,
     polls: Vec<Poll>,
@@ -109,7 +110,13 @@ impl Overruns {
 }
 
 impl LineTask {
-    pub(super) fn new(shared: LineHandle, bus: BusId, line: DeviceLine, start: Moment) -> LineTask {
+    pub(super) fn new(
+        shared: LineHandle,
+        bus: BusId,
+        (line, sleeper): (DeviceLine, Sleeper),
+        can: Option<Arc<Can>>,
+        start: Moment,
+    ) -> LineTask {
         let profile = &shared.profile;
         let is_here = |device: DeviceId| profile.device(device).bus == bus;
         // By output that corrects a position: where that is read, and where it goes.
@@ -124,7 +131,8 @@ impl LineTask {
         LineTask {
             bus,
             line,
-            can: None,
+            sleeper,
+            can,
             inspector: Inspector::new(profile, bus, start),
             polls: read::polls(profile, bus, &corrected, start),
             jobs: outputs::jobs(&shared, bus, start),
@@ -149,21 +157,21 @@ impl LineTask {
     }
 
     /// Takes its turns until the gateway has stopped, and takes leave of a server that keeps a place for it; with a listener, takes
-    /// what comes by itself as well.
-    pub(super) async fn run(mut self, sleeper: Sleeper, listener: Option<(Arc<Can>, CanListener)>) {
+    /// what comes by itself as well. Five hundred of them rest together: what it needs only while it does something, or only on CAN,
+    /// lies elsewhere.
+    pub(super) async fn run(mut self: Box<Self>, listener: Option<Box<CanListener>>) {
         match listener {
-            None => self.turns(sleeper).await,
-            Some((can, listener)) => {
-                self.can = Some(can);
-                tokio::join!(listener.listen(), self.turns(sleeper));
+            None => self.turns().await,
+            Some(listener) => {
+                tokio::join!(Box::pin(listener.listen()), self.turns());
             }
         }
     }
 
-    async fn turns(mut self, mut sleeper: Sleeper) {
+    async fn turns(&mut self) {
         let mut now = self.line.look();
         loop {
-            self.take_note(&mut sleeper, now);
+            self.take_note(now);
             if self.takes_leave {
                 return self.line.close().await;
             }
@@ -176,7 +184,7 @@ impl LineTask {
                 Turn::Sleep(due) => {
                     let due = due.min(now.after(IDLE));
                     self.line.rests_for(due.since(now));
-                    let began = sleeper.sleep_from(now, due).await;
+                    let began = self.sleeper.sleep_from(now, due).await;
                     self.line.departure.look_at(began);
                     self.account(began.since(due));
                     self.inspects = true;
@@ -216,7 +224,7 @@ impl LineTask {
     }
 
     /// What has happened elsewhere since the last turn.
-    fn take_note(&mut self, sleeper: &mut Sleeper, now: Moment) {
+    fn take_note(&mut self, now: Moment) {
         if let Some(since) = self.line.departure.stood_still() {
             self.shared.stood_still(since);
         }
@@ -224,7 +232,7 @@ impl LineTask {
             return;
         }
         // Before it is looked what there is: who comes after this wakes it again.
-        sleeper.forget_wakeups();
+        self.sleeper.forget_wakeups();
         self.news = self.shared.news(self.bus);
         (self.has_news, self.inspects) = (true, true);
         for revived in self.can.iter().flat_map(|can| can.revived()) {

@@ -91,7 +91,7 @@ impl CanListener {
         Some((can, listener))
     }
 
-    pub(in crate::gateway) async fn listen(mut self) {
+    pub(in crate::gateway) async fn listen(mut self: Box<Self>) {
         let mut due = self.look();
         loop {
             self.wait(due).await;
