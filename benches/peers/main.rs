@@ -25,8 +25,9 @@ use process::Process;
 
 /// Connections and the first decisions are not counted.
 const WARM_UP: Duration = Duration::from_secs(2);
-/// Turns that the contenders of the closed loop take.
-const TURNS: usize = 5;
+/// Turns that the contenders of the closed loop take: short ones, as a computer's mood changes.
+const TURNS: usize = 15;
+const TURN: Duration = Duration::from_secs(1);
 const MOST_TO_START_MS: f64 = 15.0;
 
 fn main() {
@@ -72,7 +73,7 @@ fn compare(seconds: u64) {
     let own = std::env::current_exe().unwrap();
     let span = Duration::from_secs(seconds);
     start(&own);
-    closed_loops(&own, &loops, span.min(Duration::from_secs(3)));
+    closed_loops(&own, &loops, span.min(TURN));
     println!(
         "\n{:<44}{:>12}{:>12}{:>14}{:>12}",
         "% of a core, MB", "limit in C", "libmodbus", "tokio-modbus", "isotherm"
@@ -82,13 +83,14 @@ fn compare(seconds: u64) {
         period: Duration::from_millis(period_ms),
         reads_only,
     };
-    // With an axis each; what a core of this machine may do of it at most, and how much memory it may take.
+    // With an axis each; how many times the limit in C it may cost, what of a core or both, and how much memory. Computers differ by more
+    // than what is judged here, and one from itself within an hour: 14 % and 8 % were wanted where the limit took 4.0 and 3.8.
     for (name, work, most) in [
         ("100 devices, 10 Hz, read and write", work(100, 100, false), None),
         ("300 devices", work(300, 100, false), None),
-        ("500 devices", work(500, 100, false), Some((14.0, 25.0))),
-        ("500 devices, read only", work(500, 100, true), Some((8.0, 25.0))),
-        ("1 device, 1 Hz", work(1, 1000, false), Some((0.1, 8.0))),
+        ("500 devices", work(500, 100, false), Some((Most::Times(3.5), 25.0))),
+        ("500 devices, read only", work(500, 100, true), Some((Most::Times(2.1), 25.0))),
+        ("1 device, 1 Hz", work(1, 1000, false), Some((Most::Percent(0.1), 8.0))),
     ] {
         let figures = [(&loops, "sockets"), (&loops, "threads"), (&own, "tasks"), (&own, "fleet")].map(
             |(program, mode)| {
@@ -119,12 +121,26 @@ fn compare(seconds: u64) {
             "{:<44}{limit:>12}{libmodbus:>12}{tokio_modbus:>14}{isotherm:>12}",
             "    woken so often a second"
         );
-        if let (Some((core, memory)), [.., (found, takes, ..)]) = (most, figures) {
-            let is_reached = found < core && takes < memory;
-            let reached = if is_reached { "reached" } else { "MISSED" };
-            println!("    at most {core} % of a core and {memory} MB: {reached}");
+        if let (Some((most, memory)), [(limit, ..), .., (found, takes, ..)]) = (most, figures) {
+            let reached = |is_reached| if is_reached { "reached" } else { "MISSED" };
+            let core = match most {
+                Most::Percent(most) => format!("at most {most} % of a core: {}", reached(found <= most)),
+                Most::Times(most) => {
+                    let times = found / limit;
+                    format!("at most {most} times the limit in C: {times:.2}, {}", reached(times <= most))
+                }
+            };
+            println!("    {core}; at most {memory} MB: {}", reached(takes <= memory));
         }
     }
+}
+
+/// What of a core it may take.
+#[derive(Clone, Copy)]
+enum Most {
+    Percent(f64),
+    /// So many times what the limit in C takes in the same run.
+    Times(f64),
 }
 
 /// From the start of the process to its first write, read and decided before.
@@ -177,10 +193,12 @@ fn closed_loops(own: &Path, loops: &Path, span: Duration) {
         figures.sort_by(f64::total_cmp);
         figures[figures.len() / 2]
     };
-    let limit = median(&turns[0], 0);
-    for ((name, .., least), turns) in contenders.iter().zip(&turns) {
-        let [rate, half, most] = [0, 1, 2].map(|of| median(turns, of));
-        let share = rate / limit;
+    for ((name, .., least), taken) in contenders.iter().zip(&turns) {
+        let [rate, half, most] = [0, 1, 2].map(|of| median(taken, of));
+        // Of the limit's own turn just before.
+        let shares: Vec<[f64; 3]> =
+            taken.iter().zip(&turns[0]).map(|(one, limit)| [one[0] / limit[0], 0.0, 0.0]).collect();
+        let share = median(&shares, 0);
         let verdict = least.map_or(String::new(), |least| {
             format!(", at least {least:.2}: {}", if share >= least { "reached" } else { "MISSED" })
         });
