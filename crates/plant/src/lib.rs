@@ -4,8 +4,10 @@
 //! Everything here is pure: no connection, no clock; time is an argument. The gateway makes a [`Snapshot`] of its state, a
 //! [`Publisher`] makes [`Message`]s of it, and the gateway gives them to a broker.
 
+pub mod json;
 pub mod seam;
 
+pub use json::{Json, JsonSettings};
 pub use seam::{
     Command, Happening, Importance, Message, Metric, Outcome, Publisher, Qos, Reaction, Record, Snapshot,
     Subject, Subscription, Value,
