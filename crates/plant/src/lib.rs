@@ -5,6 +5,7 @@
 //! [`Publisher`] makes [`Message`]s of it, and the gateway gives them to a broker.
 
 pub mod seam;
+pub mod sparkplug;
 pub mod store;
 
 pub use seam::{
