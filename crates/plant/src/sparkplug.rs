@@ -23,9 +23,9 @@
 //! **Commands.** `Node Control/Rebirth`, at most once a second, and the measured error of an axis where the profile takes it.
 //! Everything else is refused.
 //!
-//! **No primary host.** The specification lets a node wait for one host, whose word that it is off makes the node leave the
-//! broker. On the one connection of the gateway, that word would silence every other reader, and whoever may publish below
-//! `spBv1.0/STATE` could say it. A host that was off has the gateway's logs to fill its gap from.
+//! **No primary host.** The specification lets a node wait for one host, at whose word that it is off the node leaves the broker.
+//! That word would take the node from every other host, and whoever may publish below `spBv1.0/STATE` could say it. A host that
+//! was off while the broker was there has the gateway's logs to fill its gap from.
 //!
 //! **Quality of service 0** for births and data, as the specification demands: no acknowledgement of a message by itself. The
 //! broker has taken what stood before something on the same connection that it does acknowledge.
@@ -52,7 +52,9 @@ use self::born::{BD_SEQ, Born, milliseconds};
 use self::command::Heard;
 use self::told::Told;
 use self::unconfirmed::Unconfirmed;
-use crate::seam::{Happening, Message, Publisher, Qos, Reaction, Record, Snapshot, Subscription};
+use crate::seam::{
+    Command, Happening, Message, Outcome, Publisher, Qos, Reaction, Record, Snapshot, Subscription,
+};
 
 /// Two births that hosts ask for are so far apart at least.
 const BETWEEN_BIRTHS: std::time::Duration = std::time::Duration::from_secs(1);
@@ -79,6 +81,8 @@ pub struct Sparkplug {
     owes_birth: bool,
     /// They have happened meanwhile.
     waiting: Vec<Happening>,
+    /// When the last measured error that was taken was sent, and what it says: a broker may bring it twice.
+    last_asked: Option<(u64, Command)>,
     left_out: LeftOut,
 }
 
@@ -110,6 +114,7 @@ impl Sparkplug {
             unconfirmed: Unconfirmed::default(),
             owes_birth: false,
             waiting: Vec::new(),
+            last_asked: None,
             left_out: LeftOut::default(),
         }
     }
@@ -261,8 +266,17 @@ impl Publisher for Sparkplug {
         let Some(born) = self.born.as_ref().filter(|_| topic == self.address.topic(Verb::Command)) else {
             return Reaction::default();
         };
-        let Heard { asks_for_birth, outcome } =
+        let Heard { asks_for_birth, sent, outcome } =
             command::hear(payload, now, snapshot, born, self.takes_measured);
+        let outcome = match (sent, outcome) {
+            (Some(sent), Some(Outcome::Asked(command))) => {
+                let asked = Some((sent, command.clone()));
+                let is_again = self.last_asked == asked;
+                self.last_asked = asked;
+                Some(if is_again { command::came_twice(&command) } else { Outcome::Asked(command) })
+            }
+            (_, outcome) => outcome,
+        };
         self.owes_birth |= asks_for_birth;
         let is_due = self.owes_birth && self.may_be_born(now);
         // Events of this snapshot are told by whoever gets it next.
@@ -286,7 +300,7 @@ impl Publisher for Sparkplug {
     }
 
     fn forward(&mut self, now: Moment, records: &[Record]) -> Vec<Message> {
-        if self.born.is_none() || self.owes_birth {
+        if !self.may_forward() {
             return Vec::new();
         }
         let mut metrics = Vec::new();
@@ -297,6 +311,11 @@ impl Publisher for Sparkplug {
             }
         }
         self.data(now, metrics, true)
+    }
+
+    /// No data before a birth that somebody waits for.
+    fn may_forward(&self) -> bool {
+        self.born.is_some() && !self.owes_birth
     }
 
     fn farewell(&mut self, _now: Moment) -> Vec<Message> {

@@ -17,7 +17,7 @@ pub(super) const BD_SEQ: &str = "bdSeq";
 /// The metric of what has happened.
 pub(super) const EVENT: &str = "gateway/event";
 
-/// What [`measured_axis`] takes off a name.
+/// The last part of the name of a metric by which hosts tell a measured error.
 const MEASURED: &str = "measured_error_um";
 
 /// The codes of the property `Quality`: nothing is known, and it may be used again.
@@ -115,7 +115,8 @@ pub(super) fn axes(snapshot: &Snapshot) -> Vec<&str> {
     axes
 }
 
-fn measured(axis: &str) -> String {
+/// The metric by which hosts tell the measured error of an axis.
+pub(super) fn measured(axis: &str) -> String {
     format!("axis/{axis}/{MEASURED}")
 }
 

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use isotherm_core::quantity::Moment;
 
-use super::born::{Born, REBIRTH, axes, measured_axis, milliseconds};
+use super::born::{Born, REBIRTH, axes, measured, measured_axis, milliseconds};
 use super::datum::{DataType, Datum};
 use super::payload::{Metric, Payload, Raw};
 use crate::seam::{Command, Outcome, Snapshot};
@@ -19,6 +19,8 @@ const MOST_LETTERS: usize = 64;
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Heard {
     pub(super) asks_for_birth: bool,
+    /// When, by its own clock, ms since 1970.
+    pub(super) sent: Option<u64>,
     pub(super) outcome: Option<Outcome>,
 }
 
@@ -35,7 +37,7 @@ pub(super) fn hear(
         Ok(payload) => payload,
         Err(error) => return Heard { outcome: Some(refused("NCMD", error.to_string())), ..Heard::default() },
     };
-    let mut heard = Heard::default();
+    let mut heard = Heard { sent: payload.timestamp, ..Heard::default() };
     let mut others = Vec::new();
     for metric in &payload.metrics {
         // By its name only: it has no alias.
@@ -51,8 +53,7 @@ pub(super) fn hear(
     match others.as_slice() {
         [] => {}
         [metric] => {
-            let sent = payload.timestamp;
-            let outcome = other(metric, sent, now, snapshot, born, takes_measured);
+            let outcome = other(metric, heard.sent, now, snapshot, born, takes_measured);
             heard.outcome = Some(outcome);
         }
         [first, ..] => {
@@ -121,6 +122,12 @@ fn error_of(metric: &Metric) -> Option<f64> {
         Datum::Real(value) => value.is_finite().then_some(value),
         _ => None,
     }
+}
+
+/// What is said of a measured error that is the last one once more.
+pub(super) fn came_twice(command: &Command) -> Outcome {
+    let Command::Measured { axis, .. } = command;
+    refused(&measured(axis), "it came a second time, and was taken the first time".to_owned())
 }
 
 fn refused(command: &str, why: String) -> Outcome {

@@ -13,9 +13,6 @@ const KEPT_FOR: Duration = Duration::from_secs(300);
 /// No more than this is kept of what was told.
 const MOST_BYTES: usize = 1024 * 1024;
 
-/// What is heard answers something older: so much before it may not have arrived either.
-const ANSWERED_WITHIN: Duration = Duration::from_secs(2);
-
 /// What was told last, oldest first, each with when.
 #[derive(Debug, Default)]
 pub(super) struct Unconfirmed {
@@ -43,10 +40,9 @@ impl Unconfirmed {
 
     /// What may not have reached a broker that was last heard at this moment; nothing is kept after it.
     pub(super) fn take(&mut self, last_heard: Moment) -> Vec<Record> {
-        let certain = last_heard.before(ANSWERED_WITHIN);
         let all = std::mem::take(&mut self.told);
         self.bytes = 0;
-        all.into_iter().skip_while(|(at, _)| *at < certain).map(|(_, record)| record).collect()
+        all.into_iter().skip_while(|(at, _)| *at < last_heard).map(|(_, record)| record).collect()
     }
 
     /// How many records had no room although they might not have arrived.
@@ -76,9 +72,9 @@ mod tests {
     }
 
     #[test]
-    fn what_was_told_since_the_broker_was_heard_comes_back_and_a_little_before_it() {
+    fn what_was_told_since_the_broker_was_heard_comes_back() {
         let mut unconfirmed = kept(1..=20, 1);
-        assert_eq!(seconds(&unconfirmed.take(at(15))), [13, 14, 15, 16, 17, 18, 19, 20]);
+        assert_eq!(seconds(&unconfirmed.take(at(15))), [15, 16, 17, 18, 19, 20]);
         assert_eq!(unconfirmed.take(at(0)), []);
     }
 

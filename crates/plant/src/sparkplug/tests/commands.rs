@@ -93,6 +93,22 @@ fn the_measured_error_of_an_axis_is_taken_where_the_profile_takes_it() {
 }
 
 #[test]
+fn a_measured_error_that_a_broker_brings_twice_is_taken_once() {
+    let state = snapshot(Some(21.5), true, at(0));
+    let (mut node, _) = connected(at(0), &state);
+    let mut hear = |error_um, sent| {
+        let payload = command(&[named("axis/z/measured_error_um", Raw::Double(error_um))], ms(sent));
+        node.received(at(5_000), &state, NCMD, &payload).outcome
+    };
+    assert_eq!(hear(3.2, 10), measured(3.2));
+    let why = "it came a second time, and was taken the first time".to_owned();
+    let refused = Outcome::Refused { command: "axis/z/measured_error_um".to_owned(), why };
+    assert_eq!(hear(3.2, 10), Some(refused));
+    assert_eq!(hear(3.2, 20), measured(3.2));
+    assert_eq!(hear(3.3, 20), measured(3.3));
+}
+
+#[test]
 fn everything_else_is_refused_with_its_reason() {
     let error = |raw| named("axis/z/measured_error_um", raw);
     let null = Metric { is_null: Some(true), ..error(Raw::Double(1.0)) };

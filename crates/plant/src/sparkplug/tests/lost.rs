@@ -73,7 +73,7 @@ fn before_the_first_connection_everything_is_kept() {
     node.will();
     let records = node.absent(at(10), &snapshot(Some(1.0), true, at(5)));
     assert_eq!(beds(&records), [(5, Some(Raw::Double(1.0)))]);
-    assert_eq!(node.forward(at(20), &records), [], "nobody is there");
+    assert_eq!((node.may_forward(), node.forward(at(20), &records)), (false, vec![]), "nobody is there");
 }
 
 #[test]
@@ -98,6 +98,7 @@ fn what_happened_while_a_birth_was_owed_is_kept_when_the_connection_breaks() {
     let (mut node, _) = connected(at(0), &state);
     let reaction = node.received(at(10), &state, "spBv1.0/shop/NCMD/grinder-3", &commands::rebirth());
     assert_eq!(reaction, Reaction::default(), "it waits");
+    assert!(!node.may_forward());
     let events = vec![happening("almost lost", at(15))];
     assert_eq!(node.publish(at(20), &Snapshot { events, ..state }), []);
     let records = node.disconnected(at(20));
