@@ -6,6 +6,8 @@
 
 pub mod json;
 pub mod seam;
+pub mod sparkplug;
+pub mod store;
 
 pub use json::{Json, JsonSettings};
 pub use seam::{

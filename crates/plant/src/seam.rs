@@ -43,6 +43,11 @@ pub trait Publisher: Send {
     /// are none left; nothing comes of a record that cannot be read.
     fn forward(&mut self, now: Moment, records: &[Record]) -> Vec<Message>;
 
+    /// [`forward`](Publisher::forward) may be called. While it may not, nothing comes of records that can be read, too.
+    fn may_forward(&self) -> bool {
+        true
+    }
+
     /// The gateway ends: what is told before the connection is closed.
     fn farewell(&mut self, now: Moment) -> Vec<Message>;
 }
