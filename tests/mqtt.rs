@@ -1,7 +1,7 @@
 //! A whole gateway beside a real broker, mosquitto, and its own reader: what is published arrives, in the clear and inside TLS; the
 //! broker dies, hangs and comes back; what arrives moves nothing.
 //!
-//! They need mosquitto and its clients, which `tests/run mqtt` installs. Without them these tests fail and say so.
+//! They need mosquitto, its clients and pysparkplug, which `tests/run mqtt` installs. Without them these tests fail and say so.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -21,3 +21,5 @@ mod machine;
 mod published;
 #[path = "mqtt/secured.rs"]
 mod secured;
+#[path = "mqtt/sparkplug.rs"]
+mod sparkplug;

@@ -4,8 +4,11 @@ use isotherm_profile::{Errors, Profile};
 #[cfg(feature = "mqtt")]
 use {
     crate::fieldbus::tls,
-    crate::observe::mqtt::{Publishing, probe},
+    crate::gateway::make_directory,
+    crate::observe::mqtt::{Publishing, kept_in, probe},
     crate::observe::status::{BrokerFigures, Source},
+    isotherm_profile::MqttFormat,
+    std::path::Path,
     std::sync::Arc,
 };
 
@@ -40,11 +43,16 @@ pub(super) fn publish(
     profile: &Profile,
     source: &Arc<dyn Source>,
     figures: Option<&Arc<BrokerFigures>>,
+    state: &Path,
 ) -> std::io::Result<Option<Publishing>> {
     let Some((mqtt, figures)) = profile.mqtt.as_ref().zip(figures) else { return Ok(None) };
+    if mqtt.format == MqttFormat::SparkplugB {
+        // Where it cannot be made, that is reported when something is to be kept there.
+        let _ = make_directory(&kept_in(state, &profile.name));
+    }
     // What is wrong with its files has been reported.
     let trust = tls::broker(mqtt).unwrap_or_default();
-    Publishing::start((profile, mqtt), trust, source, figures).map(Some)
+    Publishing::start((profile, mqtt), trust, source, figures, state).map(Some)
 }
 
 /// What the broker says to the gateway; `None` where nothing is published. Nothing is now either.

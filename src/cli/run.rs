@@ -122,7 +122,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         let source = gateway.source();
         let _services = sockets.serve(&source, gateway.wire_log(), lines)?;
         #[cfg(feature = "mqtt")]
-        let publishing = broker::publish(&published, &source, figures.as_ref())?;
+        let publishing = broker::publish(&published, &source, figures.as_ref(), &directory)?;
         let outcome = gateway.run(after(1), after(2)).await;
         #[cfg(feature = "mqtt")]
         if let Some(publishing) = publishing {

@@ -6,17 +6,20 @@
 //!
 //! # Layout
 //! - `snapshot`, `happenings`: the state and the events, as figures.
-//! - `run`: connecting, publishing, waiting. `kept`: what waits for a broker that is away. `commands`: what arrives.
+//! - `run`: connecting, publishing, waiting. `kept`: what waits for a broker that is away. `commands`: what arrives. `node`: a Sparkplug
+//!   node over restarts.
 //! - `broker`: what a broker is. `client`: the library behind it. `stream`: TCP and TLS.
 
 use std::collections::VecDeque;
 use std::future::Future;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use tokio::sync::{oneshot, watch};
 use tokio_rustls::rustls::ClientConfig;
 
+use super::events::{Broker as BrokerEvent, Event};
 use super::status::{BrokerFigures, Source};
 use crate::clock::Clock;
 use broker::{Broker, Connection};
@@ -24,9 +27,11 @@ use client::Client;
 use commands::Commands;
 use happenings::Happenings;
 use isotherm_core::quantity::Moment;
+use isotherm_plant::sparkplug::Address;
 use isotherm_plant::{Json, JsonSettings, Publisher};
-use isotherm_profile::{Mqtt, Profile};
+use isotherm_profile::{Mqtt, MqttFormat, Profile};
 use kept::Kept;
+use node::Node;
 use run::{LAST_PATIENCE, Runner};
 
 mod broker;
@@ -34,6 +39,7 @@ mod client;
 mod commands;
 mod happenings;
 mod kept;
+mod node;
 mod run;
 mod snapshot;
 mod stream;
@@ -65,13 +71,15 @@ impl Publishing {
         trust: Trust,
         source: &Arc<dyn Source>,
         figures: &Arc<BrokerFigures>,
+        state: &Path,
     ) -> std::io::Result<Publishing> {
         let clock = Clock::wall();
         let address = mqtt.broker.to_string();
+        let (publisher, kept) = publisher(profile, mqtt, state, source.as_ref());
         let id = format!("isotherm-{}", profile.name);
         let broker = Client::of(mqtt, id, trust, &clock);
         let runner = Runner {
-            publisher: publisher(profile, mqtt),
+            publisher,
             source: source.clone(),
             figures: figures.clone(),
             clock,
@@ -80,7 +88,7 @@ impl Publishing {
             every: mqtt.every,
             resolutions: snapshot::resolutions(profile),
             happenings: Happenings::default(),
-            kept: Kept::default(),
+            kept,
             outbox: VecDeque::new(),
         };
         let runtime = tokio::runtime::Builder::new_current_thread()
@@ -110,15 +118,36 @@ impl Publishing {
     }
 }
 
-fn publisher(profile: &Profile, mqtt: &Mqtt) -> Box<dyn Publisher> {
-    Box::new(Json::new(JsonSettings {
+/// What makes the messages, and where those wait that could not be told. `state` is the state directory.
+fn publisher(
+    profile: &Profile,
+    mqtt: &Mqtt,
+    state: &Path,
+    source: &dyn Source,
+) -> (Box<dyn Publisher>, Kept) {
+    // The profile has refused a group that can be none.
+    if let (MqttFormat::SparkplugB, Ok(address)) = (mqtt.format, Address::new(&mqtt.group, &profile.name)) {
+        let directory = kept_in(state, &profile.name);
+        let kept = Kept::on_disk(&directory, mqtt.buffer);
+        let node = Box::new(Node::new(address, &directory, mqtt.takes_measured));
+        return match kept {
+            Ok(kept) => (node, kept),
+            Err(error) => {
+                let (broker, why) = (mqtt.broker.to_string(), error.to_string());
+                source.report(&Event::Broker(BrokerEvent::NotKept { broker, why }));
+                (node, Kept::in_memory())
+            }
+        };
+    }
+    let json = Json::new(JsonSettings {
         group: mqtt.group.clone(),
         machine: profile.name.clone(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         refresh: mqtt.refresh,
         takes_measured: mqtt.takes_measured,
         home_assistant: mqtt.home_assistant,
-    }))
+    });
+    (Box::new(json), Kept::in_memory())
 }
 
 /// Connects once, publishes nothing, and leaves.
@@ -131,6 +160,11 @@ pub async fn probe(profile: &Profile, mqtt: &Mqtt, trust: Trust) -> Result<(), F
     let connection = Client::of(mqtt, id, trust, &Clock::wall()).connect(None).await?;
     connection.close().await;
     Ok(())
+}
+
+/// Where in the state directory of a machine that is kept which waits for a broker.
+pub fn kept_in(state: &Path, machine: &str) -> PathBuf {
+    state.join(format!("{machine}-mqtt"))
 }
 
 /// What stands in a state as people read it.

@@ -7,7 +7,7 @@ use super::machine::Machine;
 use super::process::until;
 
 /// How long it is away; `tests/run long` has it away for a minute.
-fn away() -> Duration {
+pub(crate) fn away() -> Duration {
     let seconds = std::env::var("TEST_BROKER_AWAY_SECONDS").ok().and_then(|text| text.parse().ok());
     Duration::from_secs(seconds.unwrap_or(5))
 }

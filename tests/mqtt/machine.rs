@@ -117,6 +117,14 @@ impl Machine {
         (profile, home, is_mute)
     }
 
+    /// Is killed, and begins anew with what is on disk.
+    pub(crate) fn is_killed_and_begins(self) -> Machine {
+        let Machine { running, profile, home, is_mute } = self;
+        running.killed();
+        let running = Running::start(isotherm(home.path()).arg("run").arg(&profile));
+        Machine { running, profile, home, is_mute }
+    }
+
     /// Whether its temperatures are answered.
     pub(crate) fn answers(&self, answers: bool) {
         self.is_mute.store(u16::from(!answers), Ordering::Relaxed);

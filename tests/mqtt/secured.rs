@@ -16,9 +16,9 @@ fn secured(authority: &Authority, more: &str, server: &Signed) -> Broker {
     let (ca, server, more) = (authority.cert.clone(), server.clone(), more.to_owned());
     Broker::with(move |home, _| {
         let passwords = home.join("passwords");
-        let made =
-            Command::new("mosquitto_passwd").args(["-b", "-c"]).arg(&passwords).args(["gw7", "open sesame"]);
-        assert!(made.status().is_ok_and(|status| status.success()), "mosquitto_passwd is not installed");
+        let mut makes = Command::new("mosquitto_passwd");
+        let made = makes.args(["-b", "-c"]).arg(&passwords).args(["gw7", "open sesame"]).status();
+        assert!(made.is_ok_and(|status| status.success()), "mosquitto_passwd is not installed");
         let mut lines = format!("password_file {}\n{more}", passwords.display());
         for (key, name, text) in [
             ("cafile", "ca.pem", &ca),

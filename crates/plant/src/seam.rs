@@ -48,6 +48,11 @@ pub trait Publisher: Send {
         true
     }
 
+    /// How much could not be told, and never will be, since this was asked last.
+    fn left_out(&mut self) -> u64 {
+        0
+    }
+
     /// The gateway ends: what is told before the connection is closed.
     fn farewell(&mut self, now: Moment) -> Vec<Message>;
 }

@@ -7,6 +7,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use rumqttc::mqttbytes::Error as Unreadable;
 use rumqttc::mqttbytes::v4::{ConnectReturnCode, LastWill};
 use rumqttc::{
     AsyncClient, ConnectionError, Event, EventLoop, MqttOptions, Outgoing, Packet, QoS, StateError,
@@ -26,6 +27,8 @@ use isotherm_profile::{BrokerUrl, Mqtt};
 const CONNECT_WITHIN: Duration = Duration::from_secs(10);
 /// A broker that says nothing for twice as long is gone; one that hears nothing for one and a half says the will.
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
+/// So long ago the library may have asked when it says that it has.
+const MARGIN: Duration = Duration::from_secs(1);
 /// How many messages the library takes at a time.
 const IN_LIBRARY: usize = 64;
 /// Messages from the broker that wait; more are lost.
@@ -59,7 +62,7 @@ impl Client {
     fn options(&self, will: Option<Message>) -> MqttOptions {
         let mut options = MqttOptions::new(self.id.clone(), (self.to.host.clone(), self.to.port));
         let seconds = u16::try_from(KEEP_ALIVE.as_secs()).unwrap_or(u16::MAX);
-        options.set_keep_alive(seconds).set_clean_session(true).set_max_packet_size(LARGEST_IN, LARGEST_OUT);
+        options.set_keep_alive(seconds).set_max_packet_size(LARGEST_IN, LARGEST_OUT);
         if let Some(will) = will {
             options.set_last_will(LastWill::new(will.topic, will.payload, qos(will.qos), will.retained));
         }
@@ -224,7 +227,8 @@ async fn turn(
             }
             Ok(Event::Outgoing(Outgoing::PingReq)) => {
                 let mut tally = tally();
-                tally.pinged = Some(tally.unwritten.front().copied().unwrap_or_else(|| clock.time_of_day()));
+                let now = clock.time_of_day().before(MARGIN);
+                tally.pinged = Some(tally.unwritten.front().map_or(now, |told| now.min(*told)));
                 false
             }
             Ok(Event::Incoming(Packet::PingResp)) => {
@@ -249,9 +253,10 @@ async fn turn(
 
 fn fault(error: &ConnectionError, host: &str) -> Fault {
     match error {
-        ConnectionError::Io(error) | ConnectionError::MqttState(StateError::Io(error)) => {
-            fault_of(error, host)
-        }
+        ConnectionError::Io(error)
+        | ConnectionError::MqttState(
+            StateError::Io(error) | StateError::Deserialization(Unreadable::Io(error)),
+        ) => fault_of(error, host),
         ConnectionError::NetworkTimeout | ConnectionError::FlushTimeout => Fault::Silent,
         ConnectionError::MqttState(StateError::AwaitPingResp) => Fault::Silent,
         ConnectionError::ConnectionRefused(code) => match code {

@@ -24,8 +24,6 @@ use isotherm_plant::{Message, Publisher, Snapshot};
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
 /// No pause is longer.
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
-/// Records that are told at a time, beside what is new.
-const AT_A_TIME: usize = 100;
 /// How long the end of a run waits for what has not been published yet.
 pub(super) const LAST_PATIENCE: Duration = Duration::from_secs(2);
 
@@ -157,7 +155,7 @@ impl Runner {
                     Heard::Lost(fault) => fault,
                 },
                 _ = ticks.tick() => {
-                    self.tell();
+                    self.tell(connection.last_heard());
                     continue;
                 }
                 () = ends(stopped) => {
@@ -171,7 +169,7 @@ impl Runner {
     }
 
     /// What of the state is new becomes messages, where those before them have left; what waited for the broker comes behind.
-    fn tell(&mut self) {
+    fn tell(&mut self, last_heard: Moment) {
         if !self.outbox.is_empty() {
             // It is too slow: the state that it gets next is the newest then, and only events wait.
             let status = self.source.status();
@@ -182,8 +180,8 @@ impl Runner {
         let now = self.clock.time_of_day();
         let snapshot = self.snapshot();
         let mut messages = self.publisher.publish(now, &snapshot);
-        let records = self.kept.take(AT_A_TIME);
-        if !records.is_empty() {
+        if self.publisher.may_forward() {
+            let records = self.kept.next(now, last_heard);
             messages.extend(self.publisher.forward(now, &records));
         }
         self.outbox.extend(messages.into_iter().map(|message| (now, message)));
@@ -201,6 +199,10 @@ impl Runner {
         let now = self.clock.time_of_day();
         let snapshot = self.snapshot();
         self.kept.push(self.publisher.absent(now, &snapshot));
+        if let Some(why) = self.kept.fails() {
+            let broker = self.address.clone();
+            self.source.report(&Event::Broker(BrokerEvent::NotKept { broker, why }));
+        }
         self.count();
     }
 
@@ -208,6 +210,7 @@ impl Runner {
         // What waits here has not even left.
         let waiting = self.outbox.front().map_or(last_heard, |(told, _)| *told);
         self.outbox.clear();
+        self.kept.is_broken();
         self.kept.push(self.publisher.disconnected(last_heard.min(waiting)));
         self.count();
     }
@@ -243,14 +246,14 @@ impl Runner {
     }
 
     fn count(&mut self) {
-        let queued = self.outbox.len() + self.happenings.len() + self.kept.len();
-        let queued = u64::try_from(queued).unwrap_or(u64::MAX);
+        let queued = u64::try_from(self.outbox.len() + self.happenings.len()).unwrap_or(u64::MAX);
+        let queued = queued.saturating_add(self.kept.len());
         self.figures.note(|figures| figures.queued = queued);
     }
 
     /// Once, when the broker takes messages again.
     fn tell_what_was_dropped(&mut self) {
-        let count = self.happenings.dropped() + self.kept.dropped();
+        let count = self.happenings.dropped() + self.kept.dropped() + self.publisher.left_out();
         if count > 0 {
             self.figures.note(|figures| figures.dropped += count);
             let broker = self.address.clone();
@@ -288,3 +291,6 @@ async fn ends(stopped: &mut watch::Receiver<bool>) {
     // An error means that whoever would say it is gone.
     let _ = stopped.wait_for(|stopped| *stopped).await;
 }
+
+#[cfg(test)]
+mod tests;

@@ -116,5 +116,7 @@ pub(super) fn fault_of(error: &io::Error, host: &str) -> Fault {
     let inside = error.get_ref();
     let own = inside.and_then(|error| error.downcast_ref::<Inside>()).map(|Inside(fault)| fault.clone());
     let tls = || inside?.downcast_ref::<Error>().and_then(|error| said(error, host));
-    own.or_else(tls).unwrap_or(Fault::Broken)
+    // What ends within a message was none.
+    let other = if error.kind() == io::ErrorKind::Other { Fault::NoMqtt } else { Fault::Broken };
+    own.or_else(tls).unwrap_or(other)
 }

@@ -68,7 +68,9 @@ fn unit(metric: &Metric) -> (&'static str, &'static str) {
         "degC" => ("°C", "temperature"),
         "K" => ("K", "temperature"),
         "mm" => ("mm", "distance"),
-        "bool" => ("", ""),
+        "um" => ("µm", ""),
+        "percent" => ("%", ""),
+        "bool" | "1" => ("", ""),
         other => (other, ""),
     }
 }

@@ -230,12 +230,16 @@ impl RawMqtt {
                     "`group` is missing: to which group does this node belong?",
                     "write group = \"plant-1\"",
                 );
-                return (!is_sparkplug).then(String::new);
+                return None;
             }
             return Some("isotherm".to_owned());
         };
         let is_plain =
             |one: char| !one.is_control() && !matches!(one, '+' | '#') && !(one == '/' && is_sparkplug);
+        if is_sparkplug && group == "STATE" {
+            at.wrong("hosts say at `STATE` whether they are there", "give the group another name");
+            return None;
+        }
         let is_whole = !group.is_empty() && group.split('/').all(|part| !part.is_empty());
         if !is_whole || !group.chars().all(is_plain) || group.starts_with('$') || group.len() > LONGEST_GROUP
         {

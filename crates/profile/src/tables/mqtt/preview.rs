@@ -27,11 +27,16 @@ impl Mqtt {
         ));
         section.lines("    ", &topics);
         let asked = self.asked(machine);
-        section.line(match &asked {
-            None => "  takes nothing: no message that arrives is even asked for".to_owned(),
-            Some(topic) => format!(
-                "  takes measured errors of axes that learn from them at {topic}; refuses everything else"
-            ),
+        let measured = "measured errors of axes that learn from them";
+        section.line(match (&asked, self.format) {
+            (None, _) => "  takes nothing: no message that arrives is even asked for".to_owned(),
+            (Some(topic), MqttFormat::Json) => {
+                format!("  takes {measured} at {topic}; refuses everything else")
+            }
+            (Some(topic), MqttFormat::SparkplugB) => {
+                let measured = if self.takes_measured { format!(", {measured}") } else { String::new() };
+                format!("  takes a host's wish for a new birth{measured} at {topic}; refuses everything else")
+            }
         });
         section.entry("broker", broker);
         section.entry("format", self.format);
@@ -75,12 +80,12 @@ impl Mqtt {
         state.into_iter().chain(of.into_iter().chain(ends).flatten()).collect()
     }
 
-    /// Where measured errors are taken.
+    /// Where something is taken.
     fn asked(&self, machine: &str) -> Option<String> {
         let group = &self.group;
-        self.takes_measured.then(|| match self.format {
-            MqttFormat::Json => format!("{group}/{machine}/command/measured"),
-            MqttFormat::SparkplugB => format!("spBv1.0/{group}/NCMD/{machine}"),
-        })
+        match self.format {
+            MqttFormat::Json => self.takes_measured.then(|| format!("{group}/{machine}/command/measured")),
+            MqttFormat::SparkplugB => Some(format!("spBv1.0/{group}/NCMD/{machine}")),
+        }
     }
 }
