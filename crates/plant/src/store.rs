@@ -18,6 +18,7 @@
 use std::collections::VecDeque;
 use std::fs::{self, File};
 use std::io;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 mod number;
@@ -32,6 +33,8 @@ use crate::seam::Record;
 
 const CHECKSUM: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
+/// As the other files of the state directory have it.
+const MODE: u32 = 0o640;
 /// A file ends when it is so long, or a sixteenth of what all may take.
 const LONGEST_FILE: u64 = 1024 * 1024;
 const FILES: u64 = 16;
@@ -318,6 +321,11 @@ impl Store {
     pub fn news(&mut self) -> Option<DiskNews> {
         self.disk.news.pop_front()
     }
+}
+
+/// A file that this user writes, and his group reads.
+fn create(path: &Path) -> io::Result<File> {
+    fs::OpenOptions::new().write(true).create(true).truncate(true).mode(MODE).open(path)
 }
 
 impl Disk {

@@ -90,12 +90,16 @@ impl fmt::Display for Fault {
             Fault::Unreachable(kind) => write!(f, "it cannot be reached ({kind})"),
             Fault::Silent => f.write_str("no answer"),
             Fault::Tls(why) => f.write_str(why),
-            Fault::WrongUser => f.write_str("it does not take this user name or password"),
+            Fault::WrongUser => {
+                f.write_str("it does not take this user name or password, or does not let this user in")
+            }
             Fault::NotAllowed => f.write_str(
                 "it does not let the gateway in: name a `user` that may connect, or a certificate in `tls`",
             ),
             Fault::Refused(why) => f.write_str(why),
-            Fault::NoMqtt => f.write_str("what answers there does not speak MQTT"),
+            Fault::NoMqtt => {
+                f.write_str("what answers there does not speak MQTT, or only inside TLS (mqtts://)")
+            }
             Fault::Broken => f.write_str("the connection broke"),
             Fault::Inside(why) => write!(f, "the MQTT library failed inside: {why}"),
         }

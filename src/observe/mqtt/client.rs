@@ -87,6 +87,8 @@ impl Broker for Client {
         let mut connected = Connected { client, tally, heard, task: Some(tokio::spawn(turning)) };
         match tokio::time::timeout(CONNECT_WITHIN, connected.next()).await {
             Ok(Heard::Room | Heard::Arrived(_)) => Ok(connected),
+            // Brokers say either of two words to a wrong password.
+            Ok(Heard::Lost(Fault::NotAllowed)) if self.user.is_some() => Err(Fault::WrongUser),
             Ok(Heard::Lost(fault)) => Err(fault),
             Err(_) => Err(Fault::Silent),
         }

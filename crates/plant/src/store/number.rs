@@ -1,10 +1,10 @@
 //! One number in a file of its own, replaced as a whole.
 
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, Write};
 use std::path::PathBuf;
 
-use super::CHECKSUM;
+use super::{CHECKSUM, create};
 
 /// A number that outlives the program. Killed at any instant, the file has the number before or the number after.
 #[derive(Clone, Debug)]
@@ -38,7 +38,7 @@ impl NumberFile {
         let fresh = self.path.with_extension("new");
         let number = number.to_le_bytes();
         let checksum = CHECKSUM.checksum(&number).to_le_bytes();
-        let mut file = File::create(&fresh)?;
+        let mut file = create(&fresh)?;
         file.write_all(&[&number[..], &checksum[..]].concat())?;
         fs::rename(&fresh, &self.path)
     }

@@ -48,7 +48,7 @@ impl Segment {
     /// A new file.
     pub(super) fn create(directory: &Path, first: u64) -> io::Result<(Segment, File)> {
         let segment = Segment { first, count: 0, bytes: HEADER };
-        let mut file = File::create(segment.path(directory))?;
+        let mut file = super::create(&segment.path(directory))?;
         let mut header = MAGIC.to_vec();
         header.extend(first.to_le_bytes());
         header.extend(CHECKSUM.checksum(&header).to_le_bytes());
