@@ -13,7 +13,7 @@
 //! **Full**: the oldest file goes as a whole, and its records that were not told are counted.
 //!
 //! Records are numbered, and the number is part of the checksum: bytes at another place, of another file or of an earlier life
-//! are no record. What a damaged file has lost is counted too.
+//! are no record. What a damaged file has lost is counted, as far as the files after it show how much it was.
 
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -45,6 +45,8 @@ pub struct Store {
     /// Oldest first; the last one grows while `writer` is there.
     segments: VecDeque<Segment>,
     writer: Option<File>,
+    /// The disk may not know yet that the last file is there.
+    is_new: bool,
     /// The number of the first record that was not told.
     told: u64,
     /// The number of the next record.
@@ -103,6 +105,7 @@ impl Store {
             longest_file,
             segments,
             writer: None,
+            is_new: false,
             told: marked.unwrap_or(0),
             next: 0,
             told_file,
@@ -162,6 +165,7 @@ impl Store {
             none => {
                 let (segment, file) = Segment::create(&self.directory, self.next)?;
                 self.segments.push_back(segment);
+                self.is_new = true;
                 none.insert(file)
             }
         };
@@ -290,7 +294,12 @@ impl Store {
     /// # Errors
     /// It has not.
     pub fn sync(&mut self) -> io::Result<()> {
-        self.writer.as_ref().map_or(Ok(()), File::sync_data)
+        let Some(file) = &self.writer else { return Ok(()) };
+        file.sync_data()?;
+        if std::mem::take(&mut self.is_new) {
+            File::open(&self.directory)?.sync_all()?;
+        }
+        Ok(())
     }
 
     /// How many records wait.
