@@ -254,7 +254,7 @@ impl Store {
     /// The oldest records were told: so many of them go.
     ///
     /// # Errors
-    /// The disk does not take it: they will come again after a restart.
+    /// The disk does not take the mark. They do not come again before a restart; after one, those whose file is still there.
     pub fn drop_first(&mut self, count: usize) -> io::Result<()> {
         let mut left = u64::try_from(count).unwrap_or(u64::MAX);
         for segment in &self.segments {
