@@ -11,8 +11,8 @@
 //!
 //! **By change.** Data have the alias of a metric that the birth has named, and only what has changed by its resolution.
 //!
-//! **Not known** is null, with the property `Quality` 0. Nothing is told as stale: what isotherm does not believe, no historian
-//! should. The first value after it has `Quality` 192; otherwise good quality is not mentioned.
+//! **Not known** is null; a signal is of bad quality then, by its property `Quality` 0. Nothing is told as stale: what isotherm
+//! does not believe, no historian should. Its first value after that has `Quality` 192; otherwise good quality is not mentioned.
 //!
 //! **What happens** is the metric `gateway/event`: the sentence, with the properties `kind` and `importance`.
 //!

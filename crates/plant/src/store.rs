@@ -13,7 +13,7 @@
 //! **Full**: the oldest file goes as a whole, and its records that were not told are counted.
 //!
 //! Records are numbered, and the number is part of the checksum: bytes at another place, of another file or of an earlier life
-//! are no record. What a damaged file has lost is counted too.
+//! are no record. What a damaged file has lost is counted, as far as the files after it show how much it was.
 
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -48,6 +48,8 @@ pub struct Store {
     /// Oldest first; the last one grows while `writer` is there.
     segments: VecDeque<Segment>,
     writer: Option<File>,
+    /// The disk may not know yet that the last file is there.
+    is_new: bool,
     /// The number of the first record that was not told.
     told: u64,
     /// The number of the next record.
@@ -106,6 +108,7 @@ impl Store {
             longest_file,
             segments,
             writer: None,
+            is_new: false,
             told: marked.unwrap_or(0),
             next: 0,
             told_file,
@@ -165,6 +168,7 @@ impl Store {
             none => {
                 let (segment, file) = Segment::create(&self.directory, self.next)?;
                 self.segments.push_back(segment);
+                self.is_new = true;
                 none.insert(file)
             }
         };
@@ -253,7 +257,7 @@ impl Store {
     /// The oldest records were told: so many of them go.
     ///
     /// # Errors
-    /// The disk does not take it: they will come again after a restart.
+    /// The disk does not take the mark. They do not come again before a restart; after one, those whose file is still there.
     pub fn drop_first(&mut self, count: usize) -> io::Result<()> {
         let mut left = u64::try_from(count).unwrap_or(u64::MAX);
         for segment in &self.segments {
@@ -293,7 +297,12 @@ impl Store {
     /// # Errors
     /// It has not.
     pub fn sync(&mut self) -> io::Result<()> {
-        self.writer.as_ref().map_or(Ok(()), File::sync_data)
+        let Some(file) = &self.writer else { return Ok(()) };
+        file.sync_data()?;
+        if std::mem::take(&mut self.is_new) {
+            File::open(&self.directory)?.sync_all()?;
+        }
+        Ok(())
     }
 
     /// How many records wait.

@@ -140,7 +140,12 @@ fn datum(value: &Value) -> Option<Datum> {
     })
 }
 
-/// A figure with its name and type. Without a value it is null, and of bad quality.
+/// A signal without a value is one that is not believed; of the others there is none now.
+pub(super) fn has_quality(subject: &Subject) -> bool {
+    matches!(subject, Subject::Signal(_))
+}
+
+/// A figure with its name and type; without a value it is null.
 pub(super) fn named(metric: &seam::Metric, now: Moment) -> Metric {
     let kind = kind_of(&metric.kind);
     let value = metric.value.as_ref().and_then(datum).and_then(|datum| kind.write(&datum));
@@ -149,7 +154,8 @@ pub(super) fn named(metric: &seam::Metric, now: Moment) -> Metric {
     let mut told = null(&format!("{}/{}", metric.subject, metric.name), kind, at);
     match value {
         Some(value) => (told.is_null, told.value) = (None, Some(value)),
-        None => add_quality(&mut told, BAD),
+        None if has_quality(&metric.subject) => add_quality(&mut told, BAD),
+        None => {}
     }
     told
 }

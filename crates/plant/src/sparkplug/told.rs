@@ -2,7 +2,7 @@
 
 use isotherm_core::quantity::Moment;
 
-use super::born::{EVENT, GOOD, add_property, add_quality, kind_of, milliseconds, named, null};
+use super::born::{EVENT, GOOD, add_property, add_quality, has_quality, kind_of, milliseconds, named, null};
 use super::datum::{DataType, Datum};
 use super::payload::Metric;
 use crate::seam::{Happening, Snapshot, Subject, Value};
@@ -59,7 +59,8 @@ impl Told {
                 continue;
             }
             let mut told = named(metric, now);
-            if matches!(figure.last, Last::Unknown) && told.is_null.is_none() {
+            if matches!(figure.last, Last::Unknown) && told.is_null.is_none() && has_quality(&metric.subject)
+            {
                 add_quality(&mut told, GOOD);
             }
             figure.last = metric.value.clone().map_or(Last::Unknown, Last::Value);

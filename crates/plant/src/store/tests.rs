@@ -178,6 +178,24 @@ fn a_disk_that_fails_is_told_once_and_once_again_when_it_works_with_what_was_los
 }
 
 #[test]
+fn a_mark_that_cannot_be_written_is_told_once_and_nothing_comes_twice_before_a_restart() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut store = open(directory.path());
+    for number in 0..6 {
+        store.push(&record(number)).unwrap();
+    }
+    fs::create_dir(directory.path().join("told.new")).unwrap();
+    for number in 0..5 {
+        assert_eq!(numbers(&store.first(1).unwrap()), [number]);
+        store.drop_first(1).unwrap_err();
+    }
+    assert!(matches!((store.news(), store.news()), (Some(DiskNews::Fails(_)), None)));
+    fs::remove_dir(directory.path().join("told.new")).unwrap();
+    store.push(&record(6)).unwrap();
+    assert_eq!((store.news(), all(&mut store)), (Some(DiskNews::Works { lost: 0 }), vec![5, 6]));
+}
+
+#[test]
 fn a_directory_that_cannot_be_made_is_an_error_at_the_start() {
     let parent = tempfile::tempdir().unwrap();
     let file = parent.path().join("file");

@@ -45,6 +45,28 @@ fn what_is_no_longer_known_is_null_and_bad_and_good_is_said_when_it_is_back() {
 }
 
 #[test]
+fn what_an_axis_has_not_is_null_and_says_nothing_of_quality() {
+    let with = |correction: Option<f64>, time| {
+        let mut state = snapshot(Some(1.0), true, at(time));
+        let (subject, value) = (Subject::Axis("z".to_owned()), correction.map(Value::Real));
+        state.metrics.push(seam::Metric {
+            subject,
+            name: "correction_um",
+            value,
+            ..state.metrics[0].clone()
+        });
+        state
+    };
+    let (mut node, birth) = connected(at(0), &with(None, 0));
+    let correction = find(&birth, "axis/z/correction_um");
+    let unit = correction.properties.clone().unwrap();
+    assert_eq!((correction.is_null, unit.keys), (Some(true), vec!["engUnit".to_owned()]));
+    let messages = node.publish(at(10), &with(Some(2.0), 10));
+    let metric = read(&messages[0]).1.metrics.remove(0);
+    assert_eq!((metric.value, metric.properties), (Some(Raw::Double(2.0)), None));
+}
+
+#[test]
 fn what_is_no_number_is_not_told_as_one() {
     let (mut node, _) = connected(at(0), &snapshot(Some(21.5), true, at(0)));
     for value in [f64::NAN, f64::INFINITY] {
