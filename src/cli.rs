@@ -19,6 +19,7 @@ use crate::observe::status::Command;
 mod backup;
 #[cfg(any(feature = "identify", feature = "place"))]
 mod beside;
+mod broker;
 mod certificate;
 mod check;
 mod command;
@@ -361,6 +362,7 @@ fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Re
     };
     let loaded = loaded.and_then(|loaded| tls::check(&loaded.profile).map(|()| loaded));
     let loaded = loaded.and_then(|loaded| opcua_check::check(&loaded.profile).map(|()| loaded));
+    let loaded = loaded.and_then(|loaded| broker::check(&loaded.profile).map(|()| loaded));
     let loaded = loaded.map_err(|mut errors| {
         if let (Some(meant), [error]) = (machines::meant(path), errors.0.as_mut_slice()) {
             error.help = Some(format!("did you mean the shipped machine `{meant}`?"));

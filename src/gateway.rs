@@ -19,7 +19,7 @@ use crate::fieldbus::connection::Dial;
 use crate::fieldbus::dial;
 use crate::fieldbus::line::DeviceLine;
 use crate::observe::events::{Event, Journal, file};
-use crate::observe::status::Source;
+use crate::observe::status::{BrokerFigures, Source};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{AxisId, Bus, BusId, OnStop, Output, Profile};
 
@@ -125,6 +125,8 @@ pub struct Options {
     /// Readings are as old as their answers: only to show what the rule is for that they are as old as the questions.
     #[doc(hidden)]
     pub is_credulous: bool,
+    /// How publishing to a broker goes.
+    pub broker: Option<Arc<BrokerFigures>>,
     /// What the program before this one in the same process has handed over.
     pub handover: Option<Handover>,
     /// Called where a stuck gateway cannot even stop.
@@ -142,6 +144,7 @@ impl Default for Options {
             watch: None,
             pace: None,
             is_credulous: false,
+            broker: None,
             handover: None,
             give_up: Arc::new(|| {}),
         }
@@ -222,8 +225,8 @@ impl Gateway {
             }
             core
         };
-        let shared =
-            Arc::new(Shared::new(profile, clock.clone(), journal, options.dry_run, ledger, wakeups, core));
+        let shared = Shared::new(profile, clock.clone(), journal, options.dry_run, ledger, wakeups, core);
+        let shared = Arc::new(shared.showing(options.broker.clone()));
         let wire_log = WireLog::new(&shared.profile);
         Gateway { shared, options, sleepers, wire_log }
     }

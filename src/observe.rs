@@ -4,6 +4,8 @@ pub mod asker;
 pub mod events;
 pub mod http;
 mod metrics;
+#[cfg(feature = "mqtt")]
+pub mod mqtt;
 mod page;
 mod past;
 pub mod status;

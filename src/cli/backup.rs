@@ -176,6 +176,7 @@ fn secrets(profile: &Profile, beside: &Path) -> BTreeSet<String> {
     let tokens = web.into_iter().flat_map(|web| [&web.token_file, &web.viewer_token_file]).flatten();
     let key = web.and_then(|web| web.tls.as_ref()).map(|tls| &tls.key);
     let mut secrets: BTreeSet<String> = tokens.chain(key).map(|path| name_in(path, beside)).collect();
+    secrets.extend(profile.mqtt.iter().flat_map(|mqtt| mqtt.secrets()).map(|file| file.name.clone()));
     for bus in &profile.buses {
         secrets.extend(bus.tls.as_ref().map(|tls| tls.key.name.clone()));
         secrets.extend(bus.opcua.iter().flat_map(|opcua| opcua.secrets()).map(|file| file.name.clone()));

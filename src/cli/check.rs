@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+#[cfg(feature = "mqtt")]
+use super::broker;
 use super::certificate::Certificate;
 use super::run::known_directory;
 use super::{ProfileArguments, gauge, load_quietly, print_json, warned};
@@ -26,7 +28,8 @@ use isotherm_profile::preview::{self, Preview};
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// Ask the devices as well: reads every signal and every output register once, writes nothing
+    /// Ask the devices as well: reads every signal and every output register once, writes nothing; connects to the broker of
+    /// [mqtt], publishes nothing
     #[arg(long)]
     online: bool,
     /// The state directory that the gateway is started with, for what a template was in its last run
@@ -65,11 +68,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let pairs = super::runtime()?.block_on(pipeline::tried(&profile));
     #[cfg(feature = "opcua")]
     let nodes = super::runtime()?.block_on(opcua::inspect(&profile));
+    #[cfg(feature = "mqtt")]
+    let broker = super::runtime()?.block_on(broker::look(&profile));
     let status = gauge::once(profile)?;
     if arguments.json {
         let document = serde_json::json!({ "profile": preview, "online": status, "can": lines, "pipeline": pairs, "sensors": sensors });
         #[cfg(feature = "opcua")]
         let document = with(document, "nodes", &nodes)?;
+        #[cfg(feature = "mqtt")]
+        let document = with(document, "broker", &broker)?;
         print_json(&document)?;
     } else {
         say_all!("{preview}")?;
@@ -91,6 +98,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         #[cfg(feature = "opcua")]
         nodes.iter().try_for_each(tell)?;
+        #[cfg(feature = "mqtt")]
+        broker.iter().try_for_each(|looked| say!("{}", looked.line()))?;
         say_all!("{}{}", gauge::signals(&status), gauge::fieldbus(&status))?;
     }
     #[cfg(feature = "opcua")]
@@ -100,6 +109,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         anyhow::bail!("{} at sensor {}: {advice}", sensor.of, sensor.sensor);
     }
     gauge::judge(&status)?;
+    #[cfg(feature = "mqtt")]
+    broker.iter().try_for_each(broker::Looked::judge)?;
     let unfit = pairs.iter().find(|tried| tried.fault.is_some());
     let unfit = unfit.map(|tried| format!("device {} does not bear two questions at a time", tried.device));
     unfit.map_or(Ok(()), |unfit| Err(anyhow::anyhow!("{unfit}: remove `pipeline` from its bus")))
@@ -112,7 +123,7 @@ fn expiring(profile: &Profile) -> impl Iterator<Item = String> {
 }
 
 /// The document with one more part.
-#[cfg(feature = "opcua")]
+#[cfg(any(feature = "opcua", feature = "mqtt"))]
 fn with(
     mut document: serde_json::Value,
     name: &str,

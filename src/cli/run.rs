@@ -6,6 +6,8 @@ use std::time::Duration;
 
 use anyhow::Context;
 
+#[cfg(feature = "mqtt")]
+use super::broker;
 use super::port::Port;
 use super::services::Sockets;
 use super::signals::Signals;
@@ -14,6 +16,7 @@ use crate::cli::say::say;
 use crate::clock::Clock;
 use crate::gateway::control;
 use crate::gateway::{CHECK_ONLY, Gateway, HANDOVER, Handover, Options, Program, make_directory, may_start};
+use crate::observe::status::BrokerFigures;
 use isotherm_profile::{DeviceId, Profile, Web, plan};
 
 /// What the log still has to say when the program gives up.
@@ -74,6 +77,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
             "state and ledger in {directory} lie in {place}: keep them in a directory or a named volume of the host"
         );
     }
+    let figures = profile.mqtt.as_ref().map(|mqtt| Arc::new(BrokerFigures::of(mqtt.broker.to_string())));
     let options = Options {
         dry_run: arguments.dry_run,
         directory: Some(directory.clone()),
@@ -82,6 +86,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
             std::process::exit(1)
         }),
         // Only a gateway before this one in the same process writes it.
+        broker: figures.clone(),
         handover: std::env::var(HANDOVER).ok().and_then(|text| serde_json::from_str(&text).ok()),
         ..Options::default()
     };
@@ -110,10 +115,20 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         };
         let lines = profile.buses.len();
         let socket = control::path(&directory, &profile.name);
+        #[cfg(feature = "mqtt")]
+        let published = profile.clone();
         let gateway = Gateway::new(profile, &Clock::wall(), options);
         sockets.successor = program.as_ref().ok().map(|program| gateway.successor(program.clone(), socket));
-        let _services = sockets.serve(&gateway.source(), gateway.wire_log(), lines)?;
-        anyhow::Ok(gateway.run(after(1), after(2)).await)
+        let source = gateway.source();
+        let _services = sockets.serve(&source, gateway.wire_log(), lines)?;
+        #[cfg(feature = "mqtt")]
+        let publishing = broker::publish(&published, &source, figures.as_ref(), &directory)?;
+        let outcome = gateway.run(after(1), after(2)).await;
+        #[cfg(feature = "mqtt")]
+        if let Some(publishing) = publishing {
+            publishing.finish(after(2)).await;
+        }
+        anyhow::Ok(outcome)
     })?;
     anyhow::ensure!(!outcome.failed, "something failed inside (see above); {}", outcome.left);
     anyhow::ensure!(

@@ -8,10 +8,14 @@ use tokio_rustls::rustls::{AlertDescription, CertificateError, Error};
 
 use super::error::{Fault, LinkFault, TlsFault};
 
+#[cfg(feature = "mqtt")]
+mod broker;
 mod client;
 mod pem;
 mod server;
 
+#[cfg(feature = "mqtt")]
+pub use broker::broker;
 pub(super) use client::Client;
 pub use client::check;
 pub use server::{Wrong, server};

@@ -16,6 +16,7 @@ use super::lock::Held;
 use super::rates::Rates;
 use crate::clock::{Clock, Wakeup};
 use crate::observe::events::{Event, Journal};
+use crate::observe::status::BrokerFigures;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, Profile};
 
@@ -39,6 +40,8 @@ pub(crate) struct Shared {
     ends: AtomicBool,
     /// When each command was taken last.
     rates: Mutex<Rates>,
+    /// How publishing to a broker goes.
+    pub(super) broker: Option<Arc<BrokerFigures>>,
 }
 
 impl Shared {
@@ -67,9 +70,15 @@ impl Shared {
             replaced: Notify::new(),
             ends: AtomicBool::new(false),
             rates: Mutex::default(),
+            broker: None,
             clock,
             profile,
         }
+    }
+
+    /// The same, which shows how publishing goes.
+    pub(super) fn showing(self, broker: Option<Arc<BrokerFigures>>) -> Shared {
+        Shared { broker, ..self }
     }
 
     /// What stands behind the lock, which is held until this is dropped. A task that panicked while it held it has already

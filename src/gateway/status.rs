@@ -131,6 +131,7 @@ pub(super) fn status(shared: &Shared) -> Status {
         events,
         log_dropped: picture.log_dropped,
         event_counts,
+        mqtt: shared.broker.as_ref().map(|figures| figures.read()),
         lock_held: picture.lock_times.read(),
     };
     let ended = ended(&status);

@@ -31,6 +31,8 @@ pub enum Way {
     Socket,
     /// HTTP, by something else than the page.
     Api,
+    /// A message from the broker of `[mqtt]`.
+    Broker,
     /// The profile says so.
     Auto,
     /// What was so before a restart goes on.
@@ -44,6 +46,7 @@ impl Way {
             Way::Page => format!("by {who} on the page"),
             Way::Socket => format!("by {who} over the socket"),
             Way::Api => format!("by {who} over the API"),
+            Way::Broker => format!("over the broker {who}"),
             Way::Auto => format!("by itself ({who})"),
             Way::Restart => format!("after a restart ({who})"),
         }

@@ -16,6 +16,7 @@ use isotherm_profile::one_line;
 use isotherm_profile::regular::cut;
 
 mod alarms;
+mod broker;
 #[cfg(feature = "opcua")]
 mod certificate;
 mod data;
@@ -27,6 +28,7 @@ mod sentences;
 mod stand_in;
 
 pub use alarms::{Alarm, Seen};
+pub use broker::Broker;
 #[cfg(feature = "opcua")]
 pub use certificate::{Expiry, Whose};
 pub use handshake::HandshakeFault;
@@ -291,6 +293,8 @@ pub enum Event {
     Page(PagePort),
     /// A token of the page is another one, or none.
     Token(PageToken),
+    /// Whether what is published arrives at the broker of `[mqtt]`.
+    Broker(Broker),
     /// A certificate of an OPC UA line expires soon, or has.
     #[cfg(feature = "opcua")]
     Certificate(Expiry),

@@ -9,7 +9,7 @@ use super::status::{AxisStatus, BusStatus, DeviceStatus, OutputStatus, SignalSta
 use isotherm_core::compensation::{AxisState, Stages};
 
 /// What each number is that goes up and down.
-const GAUGES: [(&str, &str); 24] = [
+const GAUGES: [(&str, &str); 26] = [
     ("isotherm_axis_cz_micrometers", "Compensation after the guard."),
     ("isotherm_axis_raw_micrometers", "Compensation as the model computes it."),
     (
@@ -42,11 +42,13 @@ const GAUGES: [(&str, &str); 24] = [
         "isotherm_clock_synchronised",
         "1 when the computer's clock is held to the right time; no line where that is not known.",
     ),
+    ("isotherm_mqtt_connected", "1 when the broker has taken the connection."),
+    ("isotherm_mqtt_queued_messages", "Messages that wait for the broker."),
     ("isotherm_build_info", "Always 1; the version is the label."),
 ];
 
 /// What each number is that only goes up.
-const COUNTERS: [(&str, &str); 8] = [
+const COUNTERS: [(&str, &str); 11] = [
     ("isotherm_device_requests_total", "Requests sent."),
     ("isotherm_device_failures_total", "Requests that failed, by blame."),
     ("isotherm_bus_cycles_total", "Cycles run."),
@@ -54,6 +56,9 @@ const COUNTERS: [(&str, &str); 8] = [
     ("isotherm_output_writes_total", "Writes that were verified."),
     ("isotherm_events_total", "Events, by kind."),
     ("isotherm_refused_total", "Requests that were turned away, by why."),
+    ("isotherm_mqtt_published_total", "Messages given to a connection to the broker."),
+    ("isotherm_mqtt_dropped_total", "Messages that found no room and never arrive."),
+    ("isotherm_mqtt_connections_total", "Connections that the broker has taken."),
     ("isotherm_log_dropped_total", "Rows and states lost because the queue to the disk was full."),
 ];
 
@@ -94,6 +99,14 @@ fn record(status: &Status) {
     status.devices.iter().for_each(|device| record_device(device, &of));
     status.buses.iter().for_each(|bus| record_bus(bus, &of));
     status.outputs.iter().for_each(|output| record_output(output, &of));
+    if let Some(mqtt) = &status.mqtt {
+        set("isotherm_mqtt_connected", &of(&[]), Some(flag(mqtt.connected)));
+        gauge!("isotherm_mqtt_queued_messages", of(&[]))
+            .set(u32::try_from(mqtt.queued).map_or(f64::MAX, f64::from));
+        counter!("isotherm_mqtt_published_total", of(&[])).absolute(mqtt.published);
+        counter!("isotherm_mqtt_dropped_total", of(&[])).absolute(mqtt.dropped);
+        counter!("isotherm_mqtt_connections_total", of(&[])).absolute(mqtt.connections);
+    }
 }
 
 type Labels<'a> = &'a dyn Fn(&[(&'static str, &str)]) -> Vec<Label>;

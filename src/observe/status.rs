@@ -13,6 +13,10 @@ use isotherm_core::compensation::AxisState;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Language, Overridden};
 
+mod broker;
+
+pub use broker::{BrokerFigures, BrokerStatus};
+
 /// Whoever shows the state of a running gateway, from any thread, without making it wait.
 pub trait Source: Send + Sync + 'static {
     /// The state now.
@@ -203,6 +207,8 @@ pub struct Status {
     pub events: Vec<Entry>,
     /// How often each kind of event happened.
     pub event_counts: BTreeMap<&'static str, u64>,
+    /// How publishing goes; `None` where nothing is published.
+    pub mqtt: Option<BrokerStatus>,
     /// Upper bounds in seconds, and how often the lock of the shared state was held for so long.
     #[serde(skip)]
     pub lock_held: Vec<(f64, u64)>,

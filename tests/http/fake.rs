@@ -244,6 +244,7 @@ pub(crate) fn status() -> Status {
             text: "signal t1: stale".into(),
         }],
         log_dropped: 3,
+        mqtt: None,
         event_counts: BTreeMap::from([("signal-bad", 4)]),
         lock_held: Vec::new(),
     }

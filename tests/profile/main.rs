@@ -17,7 +17,7 @@ mod layers;
 mod load;
 mod mistakes;
 mod models;
-mod not_built;
+mod mqtt;
 mod opcua;
 mod probe;
 mod seals;

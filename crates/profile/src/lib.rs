@@ -58,6 +58,8 @@ pub use tables::heartbeat::Heartbeat;
 pub use tables::history::History;
 pub use tables::label::labelled;
 pub use tables::machine::{Arm, OnStop};
+pub use tables::mqtt::broker::BrokerUrl;
+pub use tables::mqtt::{Mqtt, MqttFormat, MqttUser};
 pub use tables::opcua::{ReadBy, SourceTime};
 pub use tables::output::Output;
 pub use tables::output::applied::Applied;
@@ -133,6 +135,8 @@ pub struct Profile {
     pub heartbeat: Option<Heartbeat>,
     /// Page, API, metrics.
     pub web: Option<Web>,
+    /// What is published to a broker.
+    pub mqtt: Option<Mqtt>,
     /// Where state and logs are kept.
     pub history: History,
     /// What layers above the file have set.

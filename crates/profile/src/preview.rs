@@ -88,6 +88,11 @@ impl Preview {
         if profile.outputs.is_empty() && captures.is_empty() && profile.heartbeat.is_none() {
             section.line("  nothing");
         }
+        if profile.mqtt.is_some() {
+            section.line("");
+            section.line("publishes");
+        }
+        section.part("mqtt", profile.mqtt.as_ref().map(|mqtt| mqtt.preview(profile)));
         section.line("");
         section.part("stop", Some(stop::preview(profile)));
         Preview(section)

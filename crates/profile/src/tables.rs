@@ -47,7 +47,7 @@ pub(crate) mod label;
 mod line_time;
 mod loose_ends;
 pub(crate) mod machine;
-mod mqtt;
+pub(crate) mod mqtt;
 pub(crate) mod opcua;
 pub(crate) mod output;
 pub(crate) mod quirks;
@@ -232,10 +232,8 @@ impl Check<'_> {
         set::resolve(self);
         let heartbeat = raw.heartbeat.as_ref().and_then(|raw| raw.resolve(&self.at("heartbeat")));
         let web = raw.web.as_ref().map(|raw| raw.resolve(&self.at("web")));
+        let mqtt = raw.mqtt.as_ref().and_then(|raw| raw.resolve(&self.at("mqtt")));
         let history = raw.history.as_ref().map(|raw| raw.resolve(&self.at("history"))).unwrap_or_default();
-        if raw.mqtt.is_some() {
-            mqtt::refuse(&self.at("mqtt"));
-        }
         can::written_frames(self);
         can::conflicts(self);
         claims::one_writer_each(self, heartbeat.as_ref());
@@ -262,6 +260,7 @@ impl Check<'_> {
             sets: self.sets.whole()?,
             heartbeat,
             web,
+            mqtt,
             history,
             overridden: Vec::new(),
         };

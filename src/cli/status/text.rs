@@ -46,7 +46,24 @@ fn head(status: &Value) -> String {
     if status["dry_run"] == true {
         text += "dry run: it computes and shows, and writes nothing\n";
     }
-    text + &rows("alarms", &status["alarms"], alarm)
+    text + &broker(&status["mqtt"]) + &rows("alarms", &status["alarms"], alarm)
+}
+
+/// How publishing goes, where anything is published.
+fn broker(mqtt: &Value) -> String {
+    if mqtt.is_null() {
+        return String::new();
+    }
+    let goes = match (mqtt["connected"] == true, word(&mqtt["fault"])) {
+        (true, _) => format!("connected, {} messages published", mqtt["published"]),
+        (false, "") => "not connected yet".to_owned(),
+        (false, fault) => fault.to_owned(),
+    };
+    let waits = match (mqtt["queued"].as_u64(), mqtt["dropped"].as_u64()) {
+        (Some(0), Some(0)) => String::new(),
+        (queued, dropped) => format!(", {} wait, {} dropped", queued.unwrap_or(0), dropped.unwrap_or(0)),
+    };
+    format!("broker {}: {goes}{waits}\n", word(&mqtt["broker"]))
 }
 
 fn alarm(alarm: &Value) -> String {

@@ -158,13 +158,13 @@ fn config(
 /// Many devices come with a certificate that they have signed themselves, for a name that is not theirs in this plant.
 /// One that was put into the file, byte for byte, is known better than by its name; only its dates are still asked.
 #[derive(Debug)]
-struct Trust {
+pub(super) struct Trust {
     authorities: Arc<WebPkiServerVerifier>,
     known: Vec<CertificateDer<'static>>,
 }
 
 impl Trust {
-    fn new(known: &[CertificateDer<'static>]) -> Result<Trust, String> {
+    pub(super) fn new(known: &[CertificateDer<'static>]) -> Result<Trust, String> {
         let mut roots = RootCertStore::empty();
         for (place, certificate) in known.iter().enumerate() {
             let unreadable = |error| format!("certificate {} in it cannot be read: {error}", place + 1);

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::{Entry, Event, Level, PagePort, StandIn};
+use super::{Broker, Entry, Event, Level, PagePort, StandIn};
 
 /// One that stands.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -131,6 +131,8 @@ impl Event {
             Event::TaskFailed { task, .. } => raises("task", task),
             Event::Page(PagePort::Closed { listen, .. }) => raises("page at", listen),
             Event::Page(PagePort::Open { listen }) => ends(&[("page at", listen)]),
+            Event::Broker(Broker::Down { broker, .. }) => raises("broker", broker),
+            Event::Broker(Broker::Up { broker, .. }) => ends(&[("broker", broker)]),
             #[cfg(feature = "opcua")]
             Event::Certificate(expiry) => raises("certificate", &expiry.name()),
             _ => (None, Vec::new()),

@@ -1,32 +1,313 @@
-//! `[mqtt]`, which the gateway does not speak yet.
+//! `[mqtt]`: what is published to a broker.
+//!
+//! The files are read with the profile, so that one that is missing is reported at its key. What is in them is judged by whoever
+//! connects, who has TLS.
+
+use std::time::Duration;
 
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::At;
+use super::bus::opcua::{NamedFile, file};
+use crate::duration::Timespan;
+use crate::error::ProfileError;
+use crate::size::Size;
+use broker::BrokerUrl;
+
+pub(crate) mod broker;
+mod preview;
+
+/// So often where nothing else is said.
+const EVERY: Duration = Duration::from_secs(1);
+/// More often nobody reads it, and the state is copied for each.
+const SHORTEST: Duration = Duration::from_millis(100);
+/// What has not changed is published again after this much time.
+const REFRESH: Duration = Duration::from_secs(60);
+/// On disk, while the broker is away.
+const BUFFER: u64 = 100_000_000;
+/// Topics are sent with every message.
+const LONGEST_GROUP: usize = 100;
 
 /// Publishing to a broker.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read by the schema, refused by the check")]
 #[schemars(rename = "Mqtt")]
 pub(crate) struct RawMqtt {
-    /// The broker's address: "mqtt://host:1883".
+    /// The broker's address: "mqtts://broker.plant.example:8883", or mqtt:// without TLS.
     #[schemars(required)]
     broker: Option<String>,
-    /// How a message is written.
+    /// How a message is written. Default "json".
     format: Option<MqttFormat>,
-    /// The Sparkplug group, or the first part of every topic.
+    /// The first part of every topic, default "isotherm"; with format = "sparkplug-b" the Sparkplug group, which is required.
     group: Option<String>,
+    /// As whom the gateway speaks to the broker.
+    user: Option<RawMqttUser>,
+    /// Whom the gateway trusts, and what it shows of itself; with mqtts:// only.
+    tls: Option<RawMqttTls>,
+    /// At most so often, by topic; not under "100ms". Default "1s".
+    every: Option<Timespan>,
+    /// What has not changed is published again after this much time. Default "1min".
+    refresh: Option<Timespan>,
+    /// How much is kept on disk while the broker is away, with format = "sparkplug-b". Default "100MB".
+    buffer: Option<Size>,
+    /// What may be asked for over the broker: nothing, or "measured". Nothing that arrives arms, disarms or moves.
+    #[serde(default)]
+    commands: Vec<MqttCommand>,
+    /// Whether Home Assistant is told what there is, by its discovery topics. Default false.
+    home_assistant: Option<bool>,
 }
 
+/// As whom the gateway speaks.
 #[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "MqttUser")]
+struct RawMqttUser {
+    /// The user's name at the broker.
+    #[schemars(required)]
+    name: Option<String>,
+    /// A file, beside the profile, that holds the password alone, not readable by others.
+    password_file: Option<String>,
+}
+
+/// Certificate files, in PEM form.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "MqttTls")]
+struct RawMqttTls {
+    /// Who signs the broker's certificate, or that very certificate. Default: whom this computer trusts.
+    ca: Option<String>,
+    /// The gateway's certificate, for a broker that knows gateways by it.
+    cert: Option<String>,
+    /// Its private key.
+    key: Option<String>,
+}
+
+/// How a message is written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-enum MqttFormat {
+#[schemars(rename = "MqttFormatWord", description = "")]
+pub enum MqttFormat {
+    /// Readable, a topic for each thing.
+    #[default]
     Json,
+    /// As Sparkplug B has it.
     SparkplugB,
 }
 
-pub(super) fn refuse(at: &At<'_>) {
-    at.error(at.check.spans.at_key(&at.path, "not built yet: publishing over MQTT", None));
+/// What may be asked for over the broker.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+#[schemars(rename = "MqttCommandWord", description = "")]
+enum MqttCommand {
+    /// To learn from an axis's measured error.
+    Measured,
+}
+
+/// What is published to a broker.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mqtt {
+    /// Which.
+    pub broker: BrokerUrl,
+    /// How a message is written.
+    pub format: MqttFormat,
+    /// The first part of every topic, or the Sparkplug group.
+    pub group: String,
+    /// As whom the gateway speaks; `None`: as nobody.
+    pub user: Option<MqttUser>,
+    /// Who signs the broker's certificate; `None`: whom this computer trusts.
+    pub ca: Option<NamedFile>,
+    /// What the gateway shows of itself.
+    pub own: Option<(NamedFile, NamedFile)>,
+    /// At most so often.
+    pub every: Duration,
+    /// What has not changed is published again after this much time.
+    pub refresh: Duration,
+    /// How many bytes are kept on disk while the broker is away.
+    pub buffer: u64,
+    /// Measured errors are taken.
+    pub takes_measured: bool,
+    /// Home Assistant is told what there is.
+    pub home_assistant: bool,
+    table_at: ProfileError,
+}
+
+/// As whom the gateway speaks.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MqttUser {
+    /// The user's name.
+    pub name: String,
+    /// The file whose content, without the end of its line, is the password.
+    pub password: Option<NamedFile>,
+}
+
+impl Mqtt {
+    /// The error that this is wrong with the whole table.
+    pub fn wrong(&self, message: &str, help: &str) -> ProfileError {
+        let (message, help) = (message.to_owned(), Some(help.to_owned()));
+        ProfileError { message, help, ..self.table_at.clone() }
+    }
+
+    /// What nobody else may have: its password, and its private key.
+    pub fn secrets(&self) -> impl Iterator<Item = &NamedFile> {
+        let password = self.user.as_ref().and_then(|user| user.password.as_ref());
+        self.own.iter().map(|(_, key)| key).chain(password)
+    }
+}
+
+impl RawMqtt {
+    pub(super) fn resolve(&self, at: &At<'_>) -> Option<Mqtt> {
+        let broker = self.broker.as_ref().and_then(|broker| {
+            let wrong = |(message, help): (String, &str)| at.key("broker").wrong(message, help);
+            BrokerUrl::parse(broker).map_err(wrong).ok()
+        });
+        let format = self.format.unwrap_or_default();
+        let group = self.group(at, format);
+        let user = match &self.user {
+            None => Some(None),
+            Some(user) => user.resolve(&at.key("user")).map(Some),
+        };
+        if let Some(broker) = &broker {
+            self.doubts(at, broker);
+        }
+        let (ca, own) = match &self.tls {
+            None => (Some(None), Some(None)),
+            Some(tls) => tls.resolve(&at.key("tls")),
+        };
+        if format == MqttFormat::SparkplugB {
+            let help = "remove it: what there is stands in the birth of a Sparkplug node";
+            at.foreign(&["home_assistant"], "format = \"json\"", help);
+        } else {
+            let help =
+                "remove it: the values of a broker that comes back are the newest; events wait in memory";
+            at.foreign(&["buffer"], "format = \"sparkplug-b\"", help);
+        }
+        let every = self.every(at);
+        let refresh = at.key("refresh").duration(self.refresh).unwrap_or(REFRESH);
+        if refresh < every {
+            let help = "write a longer one, or leave it out: one minute";
+            at.key("refresh").wrong("it is shorter than `every`, which is the least", help);
+        }
+        let buffer = match self.buffer {
+            Some(Size(size)) if size < 100_000 => {
+                at.key("buffer")
+                    .wrong("that holds no minute of anything", "write a larger size, as \"100MB\"");
+                BUFFER
+            }
+            size => size.map_or(BUFFER, |Size(size)| size),
+        };
+        Some(Mqtt {
+            broker: broker?,
+            format,
+            group: group?,
+            user: user?,
+            ca: ca?,
+            own: own?,
+            every,
+            refresh,
+            buffer,
+            takes_measured: self.commands.contains(&MqttCommand::Measured),
+            home_assistant: self.home_assistant.unwrap_or(false),
+            table_at: at.check.spans.at_key(&at.path, "", None),
+        })
+    }
+
+    fn every(&self, at: &At<'_>) -> Duration {
+        let every = at.key("every").duration(self.every).unwrap_or(EVERY);
+        if every < SHORTEST {
+            let help = "write \"100ms\" or longer: what happens faster stands in the logs";
+            at.key("every").wrong("that is more often than anything is published", help);
+        }
+        every
+    }
+
+    fn group(&self, at: &At<'_>, format: MqttFormat) -> Option<String> {
+        let is_sparkplug = format == MqttFormat::SparkplugB;
+        let at = at.key("group");
+        let Some(group) = &self.group else {
+            if is_sparkplug {
+                at.missing(
+                    "`group` is missing: to which group does this node belong?",
+                    "write group = \"plant-1\"",
+                );
+                return None;
+            }
+            return Some("isotherm".to_owned());
+        };
+        let is_plain =
+            |one: char| !one.is_control() && !matches!(one, '+' | '#') && !(one == '/' && is_sparkplug);
+        if is_sparkplug && group == "STATE" {
+            at.wrong("hosts say at `STATE` whether they are there", "give the group another name");
+            return None;
+        }
+        let is_whole = !group.is_empty() && group.split('/').all(|part| !part.is_empty());
+        if !is_whole || !group.chars().all(is_plain) || group.starts_with('$') || group.len() > LONGEST_GROUP
+        {
+            let slash = if is_sparkplug { "no `/`, " } else { "" };
+            at.wrong(
+                format!("`{group}` cannot begin a topic"),
+                format!("write a short name, as \"plant-1\": {slash}no `+`, no `#`, no `$` at its beginning"),
+            );
+            return None;
+        }
+        Some(group.clone())
+    }
+
+    /// What goes to this broker so that others may read it.
+    fn doubts(&self, at: &At<'_>, broker: &BrokerUrl) {
+        if broker.tls {
+            return;
+        }
+        let help = "remove it, or write mqtts:// in `broker`";
+        at.foreign(&["tls"], "mqtts://", help);
+        if broker.is_loopback() {
+            return;
+        }
+        let help = "write mqtts:// in `broker`, where the broker can do it";
+        if self.user.as_ref().is_some_and(|user| user.password_file.is_some()) {
+            at.key("broker").warn("the password goes over the network in plain text", help);
+        } else {
+            let message = "nothing is encrypted: anybody on that network may read what is published, and publish in this gateway's name";
+            at.key("broker").warn(message, help);
+        }
+        if !self.commands.is_empty() {
+            let message = "whoever is on that network may send measured errors";
+            at.key("commands").warn(message, help);
+        }
+    }
+}
+
+impl RawMqttUser {
+    fn resolve(&self, at: &At<'_>) -> Option<MqttUser> {
+        let help = "name a file that holds the password alone, readable for the gateway only";
+        let password = match &self.password_file {
+            None => None,
+            name => Some(file(at, "password_file", name.as_ref(), help)?),
+        };
+        at.key("password_file").secret(self.password_file.as_ref());
+        Some(MqttUser { name: self.name.clone()?, password })
+    }
+}
+
+/// Whom the broker's certificate is compared with, and the gateway's certificate with its key; `None` where that is wrong.
+type Files = (Option<Option<NamedFile>>, Option<Option<(NamedFile, NamedFile)>>);
+
+impl RawMqttTls {
+    fn resolve(&self, at: &At<'_>) -> Files {
+        let help = "name a PEM file beside the profile with the certificate of the authority that signed the broker's, or with \
+                    the broker's own";
+        let ca = match &self.ca {
+            None => Some(None),
+            name => file(at, "ca", name.as_ref(), help).map(Some),
+        };
+        if self.cert.is_none() && self.key.is_none() {
+            return (ca, Some(None));
+        }
+        let help = "name a PEM file beside the profile with the gateway's certificate, those that lead to its authority after it";
+        let cert = file(at, "cert", self.cert.as_ref(), help);
+        let help = "name a PEM file beside the profile with the private key of the certificate in `cert`";
+        let key = file(at, "key", self.key.as_ref(), help);
+        at.key("key").secret(self.key.as_ref());
+        (ca, cert.zip(key).map(Some))
+    }
 }

@@ -291,7 +291,13 @@ impl RawUser {
     }
 }
 
-fn file(at: &At<'_>, key: &str, name: Option<&String>, help: &str) -> Option<NamedFile> {
+/// The file that this key has to name.
+pub(in crate::tables) fn file(
+    at: &At<'_>,
+    key: &str,
+    name: Option<&String>,
+    help: &str,
+) -> Option<NamedFile> {
     let at = at.key(key);
     let Some(name) = name else {
         at.missing(format!("`{key}` is missing"), help);

@@ -1,0 +1,202 @@
+//! Readable messages: a topic for each axis, signal, output, device and bus, with one JSON document in it.
+//!
+//! ```text
+//! GROUP/MACHINE/state           online, offline; by the will too
+//! GROUP/MACHINE/gateway         { "at": "2026-07-02T12:00:00Z", "ready": true, … }
+//! GROUP/MACHINE/axis/z          { "at": …, "state": "active", "cz_um": -12.4, … }
+//! GROUP/MACHINE/signal/bed      { "at": …, "value": 27.5, "unit": "degC", "quality": "good" }
+//! GROUP/MACHINE/event           { "at": …, "kind": "axis-state", "level": "warning", "text": …, "data": { … } }
+//! ```
+//!
+//! The broker keeps everything but the events. What it keeps is sent at most once (the next one says it anew), the rest at least
+//! once.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::time::Duration;
+
+use isotherm_core::quantity::Moment;
+use serde_json::{Map, Value as Document, json};
+
+use crate::seam::{
+    Happening, Message, Metric, Publisher, Qos, Reaction, Record, Snapshot, Subject, Subscription, Value,
+};
+
+mod command;
+mod discovery;
+
+/// Events of which it is not known yet that they have arrived; of more the oldest are taken to have.
+const MOST_RECENT: usize = 1000;
+
+/// What the messages are made with.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JsonSettings {
+    /// The first part of every topic.
+    pub group: String,
+    /// The machine's name.
+    pub machine: String,
+    /// The version of the program.
+    pub version: String,
+    /// What has not changed is told again after this much time.
+    pub refresh: Duration,
+    /// Measured errors are asked for.
+    pub takes_measured: bool,
+    /// Home Assistant is told what there is.
+    pub home_assistant: bool,
+}
+
+/// Knows what the broker keeps.
+#[derive(Debug)]
+pub struct Json {
+    settings: JsonSettings,
+    /// `GROUP/MACHINE`.
+    root: String,
+    told: BTreeMap<Subject, Told>,
+    /// Events that were told, and when.
+    recent: VecDeque<(Moment, Record)>,
+}
+
+#[derive(Debug)]
+struct Told {
+    values: Vec<Option<Value>>,
+    at: Moment,
+}
+
+impl Json {
+    /// Nothing is told yet.
+    pub fn new(settings: JsonSettings) -> Json {
+        let root = format!("{}/{}", settings.group, settings.machine);
+        Json { settings, root, told: BTreeMap::new(), recent: VecDeque::new() }
+    }
+
+    fn state(&self, word: &str) -> Message {
+        Message {
+            topic: format!("{}/state", self.root),
+            payload: word.into(),
+            qos: Qos::AtLeastOnce,
+            retained: true,
+        }
+    }
+
+    fn event(&mut self, now: Moment, record: Record) -> Message {
+        if self.recent.len() == MOST_RECENT {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((now, record.clone()));
+        let topic = format!("{}/event", self.root);
+        Message { topic, payload: record.0, qos: Qos::AtLeastOnce, retained: false }
+    }
+}
+
+impl Publisher for Json {
+    fn will(&mut self) -> Message {
+        self.state("offline")
+    }
+
+    fn subscriptions(&self) -> Vec<Subscription> {
+        // A measured error that comes twice is learned from twice.
+        let command = Subscription { filter: format!("{}/command/+", self.root), qos: Qos::AtMostOnce };
+        self.settings.takes_measured.then_some(command).into_iter().collect()
+    }
+
+    fn connected(&mut self, now: Moment, snapshot: &Snapshot) -> Vec<Message> {
+        self.told.clear();
+        let mut messages = match self.settings.home_assistant {
+            true => discovery::messages(&self.settings, snapshot),
+            false => Vec::new(),
+        };
+        messages.extend(self.publish(now, snapshot));
+        messages.push(self.state("online"));
+        messages
+    }
+
+    fn publish(&mut self, now: Moment, snapshot: &Snapshot) -> Vec<Message> {
+        let mut messages = Vec::new();
+        for metrics in snapshot.metrics.chunk_by(|one, next| one.subject == next.subject) {
+            let [first, ..] = metrics else { continue };
+            let told = self.told.get(&first.subject);
+            if told.is_some_and(|told| now.since(told.at) < self.settings.refresh && told.is_still(metrics)) {
+                continue;
+            }
+            let values = metrics.iter().map(|metric| metric.value.clone()).collect();
+            self.told.insert(first.subject.clone(), Told { values, at: now });
+            messages.push(Message {
+                topic: format!("{}/{}", self.root, first.subject),
+                payload: document(metrics).to_string().into_bytes(),
+                qos: Qos::AtMostOnce,
+                retained: true,
+            });
+        }
+        messages.extend(snapshot.events.iter().map(|event| self.event(now, record(event))));
+        messages
+    }
+
+    fn received(&mut self, _now: Moment, _snapshot: &Snapshot, topic: &str, payload: &[u8]) -> Reaction {
+        let command = topic.strip_prefix(&self.root).and_then(|rest| rest.strip_prefix("/command/"));
+        let outcome = Some(command::read(command.unwrap_or(topic), payload));
+        Reaction { messages: Vec::new(), outcome }
+    }
+
+    fn disconnected(&mut self, last_heard: Moment) -> Vec<Record> {
+        let recent = std::mem::take(&mut self.recent);
+        recent.into_iter().filter(|(at, _)| *at >= last_heard).map(|(_, record)| record).collect()
+    }
+
+    fn absent(&mut self, _now: Moment, snapshot: &Snapshot) -> Vec<Record> {
+        snapshot.events.iter().map(record).collect()
+    }
+
+    fn forward(&mut self, now: Moment, records: &[Record]) -> Vec<Message> {
+        records.iter().map(|record| self.event(now, record.clone())).collect()
+    }
+
+    fn farewell(&mut self, _now: Moment) -> Vec<Message> {
+        vec![self.state("offline")]
+    }
+}
+
+impl Told {
+    fn is_still(&self, metrics: &[Metric]) -> bool {
+        let is_near = |(told, metric): (&Option<Value>, &Metric)| match (told, &metric.value) {
+            (Some(told), Some(value)) => told.is_near(value, metric.resolution),
+            (told, value) => told.is_none() && value.is_none(),
+        };
+        self.values.len() == metrics.len() && self.values.iter().zip(metrics).all(is_near)
+    }
+}
+
+/// The metrics of one subject.
+fn document(metrics: &[Metric]) -> Document {
+    let mut document = Map::new();
+    let newest = metrics.iter().map(|metric| metric.at).max().unwrap_or_default();
+    document.insert("at".to_owned(), json!(newest.to_string()));
+    for metric in metrics {
+        if metric.name == "value" && !metric.unit.is_empty() {
+            document.insert("unit".to_owned(), json!(metric.unit));
+        }
+        let value = match &metric.value {
+            None => Document::Null,
+            Some(Value::Real(number)) => json!(number),
+            Some(Value::Count(count)) => json!(count),
+            Some(Value::Flag(flag)) => json!(flag),
+            Some(Value::Text(text)) => json!(text),
+        };
+        document.insert(metric.name.to_owned(), value);
+    }
+    Document::Object(document)
+}
+
+fn record(event: &Happening) -> Record {
+    let mut document = json!({
+        "at": event.at.to_string(),
+        "kind": event.kind,
+        "level": event.importance.name(),
+        "text": event.text,
+    });
+    if let Ok(data) = serde_json::from_str::<Document>(&event.data) {
+        document["data"] = data;
+    }
+    Record(document.to_string().into_bytes())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,96 @@
+//! Where an edge node's messages go.
+
+/// The first part of every topic of Sparkplug B.
+const NAMESPACE: &str = "spBv1.0";
+
+/// An edge node: its group and its own name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Address {
+    group: String,
+    node: String,
+}
+
+/// The kinds of messages that an edge node without devices sends or gets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verb {
+    /// It is there: everything it will ever tell, with its value now.
+    Birth,
+    /// What has changed.
+    Data,
+    /// It is gone.
+    Death,
+    /// Somebody wants something of it.
+    Command,
+}
+
+impl Address {
+    /// An edge node of this group and this name.
+    ///
+    /// # Errors
+    /// A sentence that says which of the two MQTT cannot have in a topic.
+    pub fn new(group: &str, node: &str) -> Result<Address, String> {
+        for (what, name) in [("group", group), ("node", node)] {
+            if name.is_empty() {
+                return Err(format!("the {what} of Sparkplug B has no name"));
+            }
+            if let Some(c) = name.chars().find(|c| matches!(c, '+' | '/' | '#') || c.is_control()) {
+                return Err(format!(
+                    "the {what} of Sparkplug B cannot be `{}`: {c:?} means something in topics of MQTT",
+                    name.escape_debug()
+                ));
+            }
+        }
+        if group == "STATE" {
+            return Err(
+                "the group of Sparkplug B cannot be `STATE`: hosts say there whether they are on".to_owned()
+            );
+        }
+        Ok(Address { group: group.to_owned(), node: node.to_owned() })
+    }
+
+    /// The topic of this kind of message.
+    pub fn topic(&self, verb: Verb) -> String {
+        format!("{NAMESPACE}/{}/{}/{}", self.group, verb.word(), self.node)
+    }
+}
+
+impl Verb {
+    fn word(self) -> &'static str {
+        match self {
+            Verb::Birth => "NBIRTH",
+            Verb::Data => "NDATA",
+            Verb::Death => "NDEATH",
+            Verb::Command => "NCMD",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_topic_names_group_kind_and_node() {
+        let address = Address::new("Plant 1", "grinder-3").unwrap();
+        let topics = [Verb::Birth, Verb::Data, Verb::Death, Verb::Command].map(|verb| address.topic(verb));
+        let expected =
+            ["NBIRTH", "NDATA", "NDEATH", "NCMD"].map(|verb| format!("spBv1.0/Plant 1/{verb}/grinder-3"));
+        assert_eq!(topics, expected);
+    }
+
+    #[test]
+    fn a_name_that_would_be_more_than_one_level_of_a_topic_is_refused_with_its_letter() {
+        let table = [
+            ("", "n", "the group of Sparkplug B has no name"),
+            ("g", "", "the node of Sparkplug B has no name"),
+            ("g/h", "n", "the group of Sparkplug B cannot be `g/h`: '/' means something in topics of MQTT"),
+            ("g", "n+", "the node of Sparkplug B cannot be `n+`: '+' means something in topics of MQTT"),
+            ("g", "#", "the node of Sparkplug B cannot be `#`: '#' means something in topics of MQTT"),
+            ("g", "a\0", "the node of Sparkplug B cannot be `a\\0`: '\\0' means something in topics of MQTT"),
+            ("STATE", "n", "the group of Sparkplug B cannot be `STATE`: hosts say there whether they are on"),
+        ];
+        for (group, node, why) in table {
+            assert_eq!(Address::new(group, node), Err(why.to_owned()), "{group} {node}");
+        }
+    }
+}

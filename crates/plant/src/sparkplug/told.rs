@@ -1,0 +1,101 @@
+//! What has been told, and therefore what is new.
+
+use isotherm_core::quantity::Moment;
+
+use super::born::{EVENT, GOOD, add_property, add_quality, has_quality, kind_of, milliseconds, named, null};
+use super::datum::{DataType, Datum};
+use super::payload::Metric;
+use crate::seam::{Happening, Snapshot, Subject, Value};
+
+/// Events in the same millisecond are told one millisecond apart, for hosts that keep one value for each moment.
+const APART_WITHIN_MS: u64 = 1000;
+
+/// What was told last of each figure, to the broker or to the disk.
+#[derive(Debug, Default)]
+pub(super) struct Told {
+    figures: Vec<Figure>,
+    last_event_ms: u64,
+}
+
+#[derive(Debug)]
+struct Figure {
+    subject: Subject,
+    name: &'static str,
+    kind: DataType,
+    last: Last,
+}
+
+#[derive(Debug)]
+enum Last {
+    Nothing,
+    Unknown,
+    Value(Value),
+}
+
+impl Told {
+    /// The snapshot has the figures that this knows of, in their order.
+    pub(super) fn is_of(&self, snapshot: &Snapshot) -> bool {
+        self.figures.len() == snapshot.metrics.len()
+            && self.figures.iter().zip(&snapshot.metrics).all(|(figure, metric)| {
+                figure.name == metric.name
+                    && figure.subject == metric.subject
+                    && figure.kind == kind_of(&metric.kind)
+            })
+    }
+
+    /// What has changed since, which is told by this; and what has happened. In the order of time.
+    pub(super) fn changes(&mut self, snapshot: &Snapshot, events: &[Happening], now: Moment) -> Vec<Metric> {
+        if !self.is_of(snapshot) {
+            self.figures = snapshot.metrics.iter().map(Figure::of).collect();
+        }
+        let mut changed = Vec::new();
+        for (figure, metric) in self.figures.iter_mut().zip(&snapshot.metrics) {
+            let is_new = match (&figure.last, &metric.value) {
+                (Last::Nothing, _) | (Last::Unknown, Some(_)) | (Last::Value(_), None) => true,
+                (Last::Unknown, None) => false,
+                (Last::Value(last), Some(value)) => !value.is_near(last, metric.resolution),
+            };
+            if !is_new {
+                continue;
+            }
+            let mut told = named(metric, now);
+            if matches!(figure.last, Last::Unknown) && told.is_null.is_none() && has_quality(&metric.subject)
+            {
+                add_quality(&mut told, GOOD);
+            }
+            figure.last = metric.value.clone().map_or(Last::Unknown, Last::Value);
+            changed.push(told);
+        }
+        changed.extend(self.happened(events));
+        changed.sort_by_key(|metric| metric.timestamp);
+        changed
+    }
+
+    /// What has happened.
+    pub(super) fn happened(&mut self, events: &[Happening]) -> Vec<Metric> {
+        events.iter().map(|event| self.event(event)).collect()
+    }
+
+    fn event(&mut self, event: &Happening) -> Metric {
+        let mut told = null(EVENT, DataType::String, event.at);
+        let mut at = milliseconds(event.at);
+        if at <= self.last_event_ms && self.last_event_ms - at < APART_WITHIN_MS {
+            at = self.last_event_ms + 1;
+        }
+        self.last_event_ms = at;
+        told.timestamp = Some(at);
+        told.is_null = None;
+        told.value = DataType::String.write(&Datum::Text(event.text.clone()));
+        add_property(&mut told, "kind", DataType::String, &Datum::Text(event.kind.clone()));
+        let importance = Datum::Text(event.importance.name().to_owned());
+        add_property(&mut told, "importance", DataType::String, &importance);
+        told
+    }
+}
+
+impl Figure {
+    fn of(metric: &crate::seam::Metric) -> Figure {
+        let kind = kind_of(&metric.kind);
+        Figure { subject: metric.subject.clone(), name: metric.name, kind, last: Last::Nothing }
+    }
+}

@@ -1,0 +1,100 @@
+//! What was told and may not have arrived.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use isotherm_core::quantity::Moment;
+
+use crate::seam::Record;
+
+/// A broker that has not been heard for so long has no connection any more.
+const KEPT_FOR: Duration = Duration::from_secs(300);
+
+/// No more than this is kept of what was told.
+const MOST_BYTES: usize = 1024 * 1024;
+
+/// What was told last, oldest first, each with when.
+#[derive(Debug, Default)]
+pub(super) struct Unconfirmed {
+    told: VecDeque<(Moment, Record)>,
+    bytes: usize,
+    dropped: u64,
+}
+
+impl Unconfirmed {
+    pub(super) fn keep(&mut self, now: Moment, records: Vec<Record>) {
+        for record in records {
+            self.bytes += record.0.len();
+            self.told.push_back((now, record));
+        }
+        while let Some((at, record)) = self.told.front() {
+            let is_old = now.since(*at) > KEPT_FOR;
+            if !is_old && self.bytes <= MOST_BYTES {
+                break;
+            }
+            self.dropped += u64::from(!is_old);
+            self.bytes -= record.0.len();
+            self.told.pop_front();
+        }
+    }
+
+    /// What may not have reached a broker that was last heard at this moment; nothing is kept after it.
+    pub(super) fn take(&mut self, last_heard: Moment) -> Vec<Record> {
+        let all = std::mem::take(&mut self.told);
+        self.bytes = 0;
+        all.into_iter().skip_while(|(at, _)| *at < last_heard).map(|(_, record)| record).collect()
+    }
+
+    /// How many records had no room although they might not have arrived.
+    pub(super) fn dropped(&self) -> u64 {
+        self.dropped
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(second: u64) -> Moment {
+        Moment::from_nanos(second * 1_000_000_000)
+    }
+
+    fn kept(seconds: impl IntoIterator<Item = u64>, bytes: usize) -> Unconfirmed {
+        let mut unconfirmed = Unconfirmed::default();
+        for second in seconds {
+            unconfirmed.keep(at(second), vec![Record(vec![u8::try_from(second % 251).unwrap(); bytes])]);
+        }
+        unconfirmed
+    }
+
+    fn seconds(records: &[Record]) -> Vec<u8> {
+        records.iter().map(|record| record.0[0]).collect()
+    }
+
+    #[test]
+    fn what_was_told_since_the_broker_was_heard_comes_back() {
+        let mut unconfirmed = kept(1..=20, 1);
+        assert_eq!(seconds(&unconfirmed.take(at(15))), [15, 16, 17, 18, 19, 20]);
+        assert_eq!(unconfirmed.take(at(0)), []);
+    }
+
+    #[test]
+    fn what_is_older_than_five_minutes_is_not_kept_and_not_counted() {
+        let mut unconfirmed = kept([1, 2, 400], 1);
+        assert_eq!(unconfirmed.take(at(0)), [Record(vec![149])]);
+        assert_eq!(unconfirmed.dropped(), 0);
+    }
+
+    #[test]
+    fn what_has_no_room_is_dropped_from_the_oldest_on_and_counted() {
+        let mut unconfirmed = kept(1..=200, 10_000);
+        assert_eq!(unconfirmed.dropped(), 96);
+        assert_eq!(unconfirmed.take(at(0)).len(), 104);
+    }
+
+    #[test]
+    fn a_clock_that_is_set_back_brings_back_more_and_loses_nothing() {
+        let mut unconfirmed = kept([100, 101, 50, 51], 1);
+        assert_eq!(seconds(&unconfirmed.take(at(51))), [100, 101, 50, 51]);
+    }
+}

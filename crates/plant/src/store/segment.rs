@@ -1,0 +1,170 @@
+//! Files of records: a header, then records one behind the other, only ever added to.
+
+use std::fs::{self, File};
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+
+use super::CHECKSUM;
+use crate::seam::Record;
+
+/// The first bytes of each file: what it is, the number of its first record, and a checksum of both.
+pub(super) const HEADER: u64 = 20;
+const MAGIC: [u8; 8] = *b"plant-01";
+
+/// Before each record: its length, and the checksum of its number and its bytes.
+pub(super) const FRAME: u64 = 8;
+
+/// No record is longer.
+pub(super) const LONGEST: usize = 1024 * 1024;
+
+const EXTENSION: &str = "records";
+
+/// What is known of one file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Segment {
+    /// The number of its first record.
+    pub(super) first: u64,
+    /// How many records it has.
+    pub(super) count: u64,
+    /// How long it is, with what behind the last record is none.
+    pub(super) bytes: u64,
+}
+
+impl Segment {
+    /// The number behind its last record.
+    pub(super) fn end(&self) -> u64 {
+        self.first.saturating_add(self.count)
+    }
+
+    pub(super) fn path(&self, directory: &Path) -> PathBuf {
+        directory.join(format!("{:020}.{EXTENSION}", self.first))
+    }
+
+    /// What it takes of a disk that gives away 4 kB at a time.
+    pub(super) fn on_disk(bytes: u64) -> u64 {
+        bytes.next_multiple_of(4096)
+    }
+
+    /// A new file.
+    pub(super) fn create(directory: &Path, first: u64) -> io::Result<(Segment, File)> {
+        let segment = Segment { first, count: 0, bytes: HEADER };
+        let mut file = super::create(&segment.path(directory))?;
+        let mut header = MAGIC.to_vec();
+        header.extend(first.to_le_bytes());
+        header.extend(CHECKSUM.checksum(&header).to_le_bytes());
+        file.write_all(&header)?;
+        Ok((segment, file))
+    }
+
+    /// Adds a record.
+    pub(super) fn push(&mut self, file: &mut File, record: &Record) -> io::Result<()> {
+        let length = u32::try_from(record.0.len()).map_err(io::Error::other)?;
+        let mut frame = length.to_le_bytes().to_vec();
+        frame.extend(checksum(self.end(), &record.0).to_le_bytes());
+        frame.extend(&record.0);
+        file.write_all(&frame)?;
+        self.count += 1;
+        self.bytes += FRAME + u64::from(length);
+        Ok(())
+    }
+
+    /// The file of this number as it is found; `None` where it has no record.
+    pub(super) fn open(directory: &Path, first: u64) -> io::Result<Option<Segment>> {
+        let mut segment = Segment { first, count: 0, bytes: 0 };
+        let mut file = File::open(segment.path(directory))?;
+        segment.bytes = file.metadata()?.len();
+        if !has_header(&mut file, first)? {
+            return Ok(None);
+        }
+        let mut reader = io::BufReader::new(file);
+        while read_record(&mut reader, segment.end())?.is_some() {
+            segment.count += 1;
+        }
+        Ok((segment.count > 0).then_some(segment))
+    }
+
+    /// Up to `most` records from the one of this number on. Fewer than there should be: what follows is damaged.
+    pub(super) fn records(&self, directory: &Path, from: u64, most: u64) -> io::Result<Vec<Record>> {
+        let mut file = File::open(self.path(directory))?;
+        let mut found = Vec::new();
+        if !has_header(&mut file, self.first)? {
+            return Ok(found);
+        }
+        let mut reader = io::BufReader::new(file);
+        for number in self.first..self.end().min(from.saturating_add(most)) {
+            if number < from {
+                skip_record(&mut reader)?;
+                continue;
+            }
+            let Some(record) = read_record(&mut reader, number)? else { break };
+            found.push(record);
+        }
+        Ok(found)
+    }
+}
+
+/// The numbers in the names of the files of a directory, in order.
+pub(super) fn numbers(directory: &Path) -> io::Result<Vec<u64>> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(directory)? {
+        let name = entry?.file_name();
+        let number = name.to_str().and_then(|name| name.strip_suffix(EXTENSION)?.strip_suffix('.'));
+        found
+            .extend(number.filter(|number| number.len() == 20).and_then(|number| number.parse::<u64>().ok()));
+    }
+    found.sort_unstable();
+    Ok(found)
+}
+
+fn has_header(file: &mut File, first: u64) -> io::Result<bool> {
+    let mut header = [0; 20];
+    if !fill(file, &mut header)? {
+        return Ok(false);
+    }
+    let (named, checksum) = header.split_at(16);
+    let is_whole = CHECKSUM.checksum(named).to_le_bytes() == checksum;
+    Ok(is_whole && named == [MAGIC, first.to_le_bytes()].concat())
+}
+
+/// The next record, if it is whole and has this number.
+fn read_record(reader: &mut impl Read, number: u64) -> io::Result<Option<Record>> {
+    let Some((length, expected)) = read_frame(reader)? else { return Ok(None) };
+    let mut bytes = vec![0; length];
+    let is_whole = fill(reader, &mut bytes)? && checksum(number, &bytes) == expected;
+    Ok(is_whole.then_some(Record(bytes)))
+}
+
+fn skip_record(reader: &mut io::BufReader<File>) -> io::Result<()> {
+    if let Some((length, _)) = read_frame(reader)? {
+        reader.seek_relative(i64::try_from(length).map_err(io::Error::other)?)?;
+    }
+    Ok(())
+}
+
+/// Length and checksum; `None` where the file ends, or at a length that no record has.
+fn read_frame(reader: &mut impl Read) -> io::Result<Option<(usize, u32)>> {
+    let mut frame = [0; 8];
+    if !fill(reader, &mut frame)? {
+        return Ok(None);
+    }
+    let [a, b, c, d, e, f, g, h] = frame;
+    let length = usize::try_from(u32::from_le_bytes([a, b, c, d])).unwrap_or(usize::MAX);
+    Ok((length <= LONGEST).then_some((length, u32::from_le_bytes([e, f, g, h]))))
+}
+
+/// Reads so many bytes; `false` where the file ends before.
+fn fill(reader: &mut impl Read, bytes: &mut [u8]) -> io::Result<bool> {
+    match reader.read_exact(bytes) {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(false),
+        Err(error) => Err(error),
+    }
+}
+
+/// With its number: a record at another place is none.
+fn checksum(number: u64, bytes: &[u8]) -> u32 {
+    let mut digest = CHECKSUM.digest();
+    digest.update(&number.to_le_bytes());
+    digest.update(bytes);
+    digest.finalize()
+}

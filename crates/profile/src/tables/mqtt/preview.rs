@@ -1,0 +1,91 @@
+//! What is published, and to which topics.
+
+use super::{Mqtt, MqttFormat};
+use crate::Profile;
+use crate::document::Section;
+use crate::duration::shown;
+
+impl Mqtt {
+    /// To whom, what, how often, and what is taken.
+    pub(crate) fn preview(&self, profile: &Profile) -> Section {
+        let mut section = Section::default();
+        let (broker, machine) = (self.broker.to_string(), &profile.name);
+        let user = self.user.as_ref().map(|user| user.name.as_str());
+        let speaks = user.map_or("as nobody".to_owned(), |user| format!("as user {user}"));
+        let trusts = match (&self.ca, self.broker.tls) {
+            (_, false) => "in plain text".to_owned(),
+            (Some(ca), true) => format!("trusting {}", ca.name),
+            (None, true) => "trusting whom this computer trusts".to_owned(),
+        };
+        let shows = self.own.as_ref().map(|(cert, _)| cert.name.as_str());
+        let with = shows.map_or(String::new(), |cert| format!(", showing {cert}"));
+        section.line(format!("  to {broker}, {speaks}, {trusts}{with}"));
+        let topics = self.topics(profile);
+        let (every, refresh) = (shown(self.every), shown(self.refresh));
+        section.line(format!(
+            "  what has changed at most every {every}, everything at least every {refresh}; events once"
+        ));
+        section.lines("    ", &topics);
+        let asked = self.asked(machine);
+        let measured = "measured errors of axes that learn from them";
+        section.line(match (&asked, self.format) {
+            (None, _) => "  takes nothing: no message that arrives is even asked for".to_owned(),
+            (Some(topic), MqttFormat::Json) => {
+                format!("  takes {measured} at {topic}; refuses everything else")
+            }
+            (Some(topic), MqttFormat::SparkplugB) => {
+                let measured = if self.takes_measured { format!(", {measured}") } else { String::new() };
+                format!("  takes a host's wish for a new birth{measured} at {topic}; refuses everything else")
+            }
+        });
+        section.entry("broker", broker);
+        section.entry("format", self.format);
+        section.entry("user", user);
+        section.entry("trusts", self.ca.as_ref().map(|ca| &ca.name));
+        section.entry("shows", shows);
+        section.entry("every", every);
+        section.entry("refresh", refresh);
+        section.entry("topics", topics);
+        section.entry("takes", asked);
+        section.entry("home_assistant", self.home_assistant);
+        section
+    }
+
+    fn topics(&self, profile: &Profile) -> Vec<String> {
+        let (group, machine) = (&self.group, &profile.name);
+        if self.format == MqttFormat::SparkplugB {
+            let kinds = ["NBIRTH", "NDATA", "NDEATH"];
+            return kinds.iter().map(|kind| format!("spBv1.0/{group}/{kind}/{machine}")).collect();
+        }
+        let named = |kind: &str, names: Vec<&str>| match names.as_slice() {
+            [] => None,
+            [only] => Some(format!("{group}/{machine}/{kind}/{only}")),
+            [first, .., last] => Some(format!(
+                "{group}/{machine}/{kind}/{first} … {group}/{machine}/{kind}/{last} ({})",
+                names.len()
+            )),
+        };
+        let of = [
+            named("axis", profile.axes.iter().map(|axis| axis.settings.name.as_str()).collect()),
+            named("signal", profile.signals.iter().map(|signal| signal.name.as_str()).collect()),
+            named("output", profile.outputs.iter().map(|output| output.name.as_str()).collect()),
+            named("device", profile.devices.iter().map(|device| device.name.as_str()).collect()),
+            named("bus", profile.buses.iter().map(|bus| bus.name.as_str()).collect()),
+        ];
+        let ends = [
+            Some(format!("{group}/{machine}/event (not kept by the broker; all others are)")),
+            self.home_assistant.then(|| format!("homeassistant/+/isotherm-{machine}/+/config")),
+        ];
+        let state = [format!("{group}/{machine}/state"), format!("{group}/{machine}/gateway")];
+        state.into_iter().chain(of.into_iter().chain(ends).flatten()).collect()
+    }
+
+    /// Where something is taken.
+    fn asked(&self, machine: &str) -> Option<String> {
+        let group = &self.group;
+        match self.format {
+            MqttFormat::Json => self.takes_measured.then(|| format!("{group}/{machine}/command/measured")),
+            MqttFormat::SparkplugB => Some(format!("spBv1.0/{group}/NCMD/{machine}")),
+        }
+    }
+}

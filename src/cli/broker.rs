@@ -1,0 +1,91 @@
+//! The broker of `[mqtt]`: what keeps the gateway from speaking to it, and whether it is there.
+
+use isotherm_profile::{Errors, Profile};
+#[cfg(feature = "mqtt")]
+use {
+    crate::fieldbus::tls,
+    crate::gateway::make_directory,
+    crate::observe::mqtt::{Publishing, kept_in, probe},
+    crate::observe::status::{BrokerFigures, Source},
+    isotherm_profile::MqttFormat,
+    std::path::Path,
+    std::sync::Arc,
+};
+
+/// What is wrong with `[mqtt]` that only whoever connects can tell.
+///
+/// # Errors
+/// All of it, in the order of the file.
+#[cfg(feature = "mqtt")]
+pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
+    let Some(Err(mut wrong)) = profile.mqtt.as_ref().map(tls::broker) else { return Ok(()) };
+    wrong.sort_by_key(|error| (error.line, error.column));
+    Err(Errors(wrong))
+}
+
+/// That there is an `[mqtt]` at all.
+///
+/// # Errors
+/// This program cannot.
+#[cfg(not(feature = "mqtt"))]
+pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
+    let help = "take a packaged program, or build it in: `cargo build --release --features mqtt`";
+    let wrong = |mqtt: &isotherm_profile::Mqtt| mqtt.wrong("this program was built without MQTT", help);
+    profile.mqtt.as_ref().map_or(Ok(()), |mqtt| Err(Errors(vec![wrong(mqtt)])))
+}
+
+/// Begins to publish; `None` where nothing is to be.
+///
+/// # Errors
+/// The system has no thread for it.
+#[cfg(feature = "mqtt")]
+pub(super) fn publish(
+    profile: &Profile,
+    source: &Arc<dyn Source>,
+    figures: Option<&Arc<BrokerFigures>>,
+    state: &Path,
+) -> std::io::Result<Option<Publishing>> {
+    let Some((mqtt, figures)) = profile.mqtt.as_ref().zip(figures) else { return Ok(None) };
+    if mqtt.format == MqttFormat::SparkplugB {
+        // Where it cannot be made, that is reported when something is to be kept there.
+        let _ = make_directory(&kept_in(state, &profile.name));
+    }
+    // What is wrong with its files has been reported.
+    let trust = tls::broker(mqtt).unwrap_or_default();
+    Publishing::start((profile, mqtt), trust, source, figures, state).map(Some)
+}
+
+/// What the broker says to the gateway; `None` where nothing is published. Nothing is now either.
+#[cfg(feature = "mqtt")]
+pub(super) async fn look(profile: &Profile) -> Option<Looked> {
+    let mqtt = profile.mqtt.as_ref()?;
+    // What is wrong with its files has been reported.
+    let trust = tls::broker(mqtt).unwrap_or_default();
+    let fault = probe(profile, mqtt, trust).await.err();
+    Some(Looked { broker: mqtt.broker.to_string(), fault: fault.map(|fault| fault.to_string()) })
+}
+
+/// What came of a look at the broker.
+#[cfg(feature = "mqtt")]
+#[derive(Debug, serde::Serialize)]
+pub(super) struct Looked {
+    broker: String,
+    fault: Option<String>,
+}
+
+#[cfg(feature = "mqtt")]
+impl Looked {
+    /// The line of `check --online`.
+    pub(super) fn line(&self) -> String {
+        match &self.fault {
+            None => format!("  broker {}: takes the gateway; nothing was published", self.broker),
+            Some(fault) => format!("  broker {}: {fault}", self.broker),
+        }
+    }
+
+    /// A broker that does not take the gateway is a failure of the verb.
+    pub(super) fn judge(&self) -> anyhow::Result<()> {
+        let Looked { broker, fault } = self;
+        fault.as_ref().map_or(Ok(()), |fault| Err(anyhow::anyhow!("broker {broker}: {fault}")))
+    }
+}

@@ -1,0 +1,290 @@
+//! MQTT by the library `rumqttc`, in its fork that is looked after. Nothing outside this file knows it.
+//!
+//! Each connection has a client of its own, so that nothing of an earlier one is sent again behind the back of whoever publishes. A task
+//! turns its event loop; should it panic, that is a connection that broke. Both of its queues are bounded.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use rumqttc::mqttbytes::Error as Unreadable;
+use rumqttc::mqttbytes::v4::{ConnectReturnCode, LastWill};
+use rumqttc::{
+    AsyncClient, ConnectionError, Event, EventLoop, MqttOptions, Outgoing, Packet, QoS, StateError,
+};
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+use tokio_rustls::rustls::ClientConfig;
+
+use super::broker::{Arrived, Broker, Connection, Fault, Heard};
+use super::stream::{fault_of, open};
+use crate::clock::Clock;
+use isotherm_core::quantity::Moment;
+use isotherm_plant::{Message, Qos, Subscription};
+use isotherm_profile::{BrokerUrl, Mqtt};
+
+/// Name, connection, handshake and the broker's answer.
+const CONNECT_WITHIN: Duration = Duration::from_secs(10);
+/// A broker that says nothing for twice as long is gone; one that hears nothing for one and a half says the will.
+const KEEP_ALIVE: Duration = Duration::from_secs(10);
+/// So long ago the library may have asked when it says that it has.
+const MARGIN: Duration = Duration::from_secs(1);
+/// How many messages the library takes at a time.
+const IN_LIBRARY: usize = 64;
+/// Messages from the broker that wait; more are lost.
+const UNHEARD: usize = 16;
+/// What arrives is a command or nothing. A broker that sends more loses the connection.
+const LARGEST_IN: usize = 64 << 10;
+/// What is published is smaller.
+const LARGEST_OUT: usize = 4 << 20;
+/// How long a connection is waited for that is closed.
+const CLOSE_WITHIN: Duration = Duration::from_secs(1);
+
+/// A broker that is connected to as the profile says.
+#[derive(Clone)]
+pub(super) struct Client {
+    to: BrokerUrl,
+    id: String,
+    user: Option<(String, Vec<u8>)>,
+    trust: Option<Arc<ClientConfig>>,
+    clock: Clock,
+}
+
+impl Client {
+    pub(super) fn of(mqtt: &Mqtt, id: String, trust: Option<Arc<ClientConfig>>, clock: &Clock) -> Client {
+        let user = mqtt.user.as_ref().map(|user| {
+            let password = user.password.as_ref().map(|file| file.bytes.as_slice()).unwrap_or_default();
+            (user.name.clone(), password.trim_ascii_end().to_vec())
+        });
+        Client { to: mqtt.broker.clone(), id, user, trust, clock: clock.clone() }
+    }
+
+    fn options(&self, will: Option<Message>) -> MqttOptions {
+        let mut options = MqttOptions::new(self.id.clone(), (self.to.host.clone(), self.to.port));
+        let seconds = u16::try_from(KEEP_ALIVE.as_secs()).unwrap_or(u16::MAX);
+        options.set_keep_alive(seconds).set_max_packet_size(LARGEST_IN, LARGEST_OUT);
+        if let Some(will) = will {
+            options.set_last_will(LastWill::new(will.topic, will.payload, qos(will.qos), will.retained));
+        }
+        if let Some((name, password)) = self.user.clone() {
+            options.set_credentials(name, password);
+        }
+        let (to, trust) = (self.to.clone(), self.trust.clone());
+        options.set_socket_connector(move |_, _| open(to.clone(), trust.clone()));
+        options
+    }
+}
+
+impl Broker for Client {
+    type Connection = Connected;
+
+    async fn connect(&self, will: Option<Message>) -> Result<Connected, Fault> {
+        let (client, mut turns) = AsyncClient::builder(self.options(will)).capacity(IN_LIBRARY).build();
+        turns.network_options.set_connection_timeout(CONNECT_WITHIN.as_secs());
+        let tally = Arc::new(Mutex::new(Tally { heard: self.clock.time_of_day(), ..Tally::default() }));
+        let (says, heard) = mpsc::channel(UNHEARD);
+        let turning = turn(turns, tally.clone(), says, self.clock.clone(), self.to.host.clone());
+        let mut connected = Connected { client, tally, heard, task: Some(tokio::spawn(turning)) };
+        match tokio::time::timeout(CONNECT_WITHIN, connected.next()).await {
+            Ok(Heard::Room | Heard::Arrived(_)) => Ok(connected),
+            // Brokers say either of two words to a wrong password.
+            Ok(Heard::Lost(Fault::NotAllowed)) if self.user.is_some() => Err(Fault::WrongUser),
+            Ok(Heard::Lost(fault)) => Err(fault),
+            Err(_) => Err(Fault::Silent),
+        }
+    }
+}
+
+/// What the broker is known to have.
+#[derive(Debug, Default)]
+struct Tally {
+    /// When each message was told that the library has and has not written yet.
+    unwritten: VecDeque<Moment>,
+    /// When those were told that the broker has not acknowledged yet.
+    unacknowledged: BTreeMap<u16, Moment>,
+    /// Everything that was told before had been written when the broker was last asked whether it is there.
+    pinged: Option<Moment>,
+    /// The broker has everything that was told before.
+    heard: Moment,
+}
+
+impl Tally {
+    fn written(&mut self, id: u16) {
+        let told = self.unwritten.pop_front();
+        // Without a number nothing is acknowledged.
+        if let Some(told) = told.filter(|_| id > 0) {
+            self.unacknowledged.insert(id, told);
+        }
+    }
+
+    /// A broker takes what comes in its order: with this it has all that was written before it.
+    fn acknowledged(&mut self, id: u16) {
+        if let Some(told) = self.unacknowledged.remove(&id) {
+            self.heard = self.heard.max(told);
+        }
+    }
+}
+
+/// A connection.
+pub(super) struct Connected {
+    client: AsyncClient,
+    tally: Arc<Mutex<Tally>>,
+    heard: mpsc::Receiver<Heard>,
+    task: Option<JoinHandle<()>>,
+}
+
+impl Connected {
+    fn tally(&self) -> MutexGuard<'_, Tally> {
+        self.tally.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Connection for Connected {
+    fn send(&mut self, message: Message, told: Moment) -> Result<(), Message> {
+        let Message { topic, payload, qos: how, retained } = message.clone();
+        let mut tally = self.tally();
+        if tally.unwritten.len() >= IN_LIBRARY {
+            return Err(message);
+        }
+        match self.client.try_publish(topic, qos(how), retained, payload) {
+            Ok(()) => {
+                tally.unwritten.push_back(told);
+                Ok(())
+            }
+            Err(_) => Err(message),
+        }
+    }
+
+    fn subscribe(&mut self, subscription: &Subscription) -> Result<(), Fault> {
+        let asked = self.client.try_subscribe(subscription.filter.clone(), qos(subscription.qos));
+        asked.map_err(|error| Fault::Inside(error.to_string()))
+    }
+
+    async fn next(&mut self) -> Heard {
+        if let Some(heard) = self.heard.recv().await {
+            return heard;
+        }
+        let Some(task) = self.task.take() else { return Heard::Lost(Fault::Broken) };
+        match task.await {
+            Err(error) if error.is_panic() => Heard::Lost(Fault::Inside(panic_message(error))),
+            _ => Heard::Lost(Fault::Broken),
+        }
+    }
+
+    fn last_heard(&self) -> Moment {
+        self.tally().heard
+    }
+
+    fn is_done(&self) -> bool {
+        let tally = self.tally();
+        tally.unwritten.is_empty() && tally.unacknowledged.is_empty()
+    }
+
+    async fn close(mut self) {
+        if self.client.try_disconnect_with_timeout(CLOSE_WITHIN).is_ok() {
+            let ends = async { while !matches!(self.next().await, Heard::Lost(_)) {} };
+            // One that does not end is dropped.
+            let _ = tokio::time::timeout(CLOSE_WITHIN, ends).await;
+        }
+    }
+}
+
+impl Drop for Connected {
+    fn drop(&mut self) {
+        if let Some(task) = self.task.take() {
+            task.abort();
+        }
+    }
+}
+
+/// Turns the library's wheel, and notes what it says.
+async fn turn(
+    mut turns: EventLoop,
+    tally: Arc<Mutex<Tally>>,
+    says: mpsc::Sender<Heard>,
+    clock: Clock,
+    host: String,
+) {
+    let tally = || tally.lock().unwrap_or_else(PoisonError::into_inner);
+    loop {
+        let is_room = match turns.poll().await {
+            Ok(Event::Incoming(Packet::ConnAck(_))) => true,
+            Ok(Event::Incoming(Packet::Publish(arrived))) => {
+                let arrived = Arrived {
+                    topic: String::from_utf8_lossy(&arrived.topic).into_owned(),
+                    payload: arrived.payload.to_vec(),
+                    retained: arrived.retain,
+                };
+                // Of a flood the rest is lost.
+                let _ = says.try_send(Heard::Arrived(arrived));
+                false
+            }
+            Ok(Event::Incoming(Packet::PubAck(acknowledged))) => {
+                tally().acknowledged(acknowledged.pkid);
+                true
+            }
+            Ok(Event::Outgoing(Outgoing::Publish(id))) => {
+                tally().written(id);
+                true
+            }
+            Ok(Event::Outgoing(Outgoing::PingReq)) => {
+                let mut tally = tally();
+                let now = clock.time_of_day().before(MARGIN);
+                tally.pinged = Some(tally.unwritten.front().map_or(now, |told| now.min(*told)));
+                false
+            }
+            Ok(Event::Incoming(Packet::PingResp)) => {
+                let mut tally = tally();
+                tally.heard = tally.heard.max(tally.pinged.take().unwrap_or_default());
+                false
+            }
+            Ok(_) => false,
+            Err(error) => {
+                tracing::debug!(%error, "no MQTT");
+                // Nobody listens any more, or the channel is full of what is lost now as well.
+                let _ = says.send(Heard::Lost(fault(&error, &host))).await;
+                return;
+            }
+        };
+        if is_room {
+            // One that waits already says the same.
+            let _ = says.try_send(Heard::Room);
+        }
+    }
+}
+
+fn fault(error: &ConnectionError, host: &str) -> Fault {
+    match error {
+        ConnectionError::Io(error)
+        | ConnectionError::MqttState(
+            StateError::Io(error) | StateError::Deserialization(Unreadable::Io(error)),
+        ) => fault_of(error, host),
+        ConnectionError::NetworkTimeout | ConnectionError::FlushTimeout => Fault::Silent,
+        ConnectionError::MqttState(StateError::AwaitPingResp) => Fault::Silent,
+        ConnectionError::ConnectionRefused(code) => match code {
+            ConnectReturnCode::BadUserNamePassword => Fault::WrongUser,
+            ConnectReturnCode::NotAuthorized => Fault::NotAllowed,
+            ConnectReturnCode::RefusedProtocolVersion => Fault::Refused("it does not speak MQTT 3.1.1"),
+            ConnectReturnCode::BadClientId => Fault::Refused("it does not take this client's name"),
+            ConnectReturnCode::ServiceUnavailable => Fault::Refused("it says that it is not available"),
+            ConnectReturnCode::Success => Fault::NoMqtt,
+        },
+        ConnectionError::NotConnAck(_) | ConnectionError::MqttState(StateError::Deserialization(_)) => {
+            Fault::NoMqtt
+        }
+        _ => Fault::Broken,
+    }
+}
+
+fn qos(qos: Qos) -> QoS {
+    match qos {
+        Qos::AtMostOnce => QoS::AtMostOnce,
+        Qos::AtLeastOnce => QoS::AtLeastOnce,
+    }
+}
+
+fn panic_message(error: tokio::task::JoinError) -> String {
+    let Ok(panic) = error.try_into_panic() else { return "it was ended".to_owned() };
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "panic".to_owned())
+}

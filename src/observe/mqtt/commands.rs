@@ -1,0 +1,67 @@
+//! What arrives: a measured error where the profile takes some, and nothing else. Nothing here arms, disarms or moves.
+
+use std::time::Duration;
+
+use crate::observe::asker::{Asker, Way};
+use crate::observe::status::Source;
+use isotherm_core::quantity::Moment;
+use isotherm_plant::{Command, Outcome};
+
+/// At most one is handed on within it.
+const PAUSE: Duration = Duration::from_secs(1);
+/// One that was refused is reported at most so often, with a count.
+const REPORT_EVERY: Duration = Duration::from_secs(60);
+
+/// Hands on what is asked for over the broker.
+#[derive(Debug)]
+pub(super) struct Commands {
+    /// The broker, as whoever asks is named: MQTT does not say who publishes.
+    broker: String,
+    last: Option<Moment>,
+    reported: Option<Moment>,
+    unreported: u64,
+}
+
+impl Commands {
+    pub(super) fn from(broker: &str) -> Commands {
+        Commands { broker: broker.to_owned(), last: None, reported: None, unreported: 0 }
+    }
+
+    /// Does what is asked for, or reports why not.
+    pub(super) fn take(&mut self, now: Moment, outcome: Outcome, source: &dyn Source) {
+        match outcome {
+            Outcome::Asked(Command::Measured { axis, error_um }) => {
+                if self.last.is_some_and(|last| now.since(last) < PAUSE) {
+                    self.refuse(now, "measured", "the one before it came less than a second ago", source);
+                    return;
+                }
+                self.last = Some(now);
+                let asker = Asker::new(Way::Broker, self.broker.clone());
+                // What comes of it is an event either way.
+                let _ = source.measured(&axis, Some(error_um), &asker);
+            }
+            Outcome::Refused { command, why } => self.refuse(now, &command, &why, source),
+        }
+    }
+
+    /// It is of an earlier day: whoever asked for it has gone long since.
+    pub(super) fn refuse_retained(&mut self, now: Moment, topic: &str, source: &dyn Source) {
+        let command = topic.rsplit('/').next().unwrap_or(topic).chars().take(40).collect::<String>();
+        let why = "the broker has kept it from before: publish commands without the retain flag";
+        self.refuse(now, &command, why, source);
+    }
+
+    fn refuse(&mut self, now: Moment, command: &str, why: &str, source: &dyn Source) {
+        if self.reported.is_some_and(|reported| now.since(reported) < REPORT_EVERY) {
+            self.unreported += 1;
+            return;
+        }
+        self.reported = Some(now);
+        let more = match std::mem::take(&mut self.unreported) {
+            0 => String::new(),
+            more => format!(" (and {more} more that were refused since the last one reported)"),
+        };
+        let asker = Asker::new(Way::Broker, self.broker.clone());
+        source.turned_away(command, &asker, &format!("{why}{more}"));
+    }
+}

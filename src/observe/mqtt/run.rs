@@ -1,0 +1,296 @@
+//! The days of a publisher: connecting, publishing, waiting for a broker that has gone.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::Duration;
+
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use tokio::sync::watch;
+use tokio::time::{Interval, MissedTickBehavior, interval};
+
+use super::broker::{Arrived, Broker, Connection, Fault, Heard};
+use super::commands::Commands;
+use super::happenings::Happenings;
+use super::kept::Kept;
+use super::snapshot::metrics;
+use crate::clock::Clock;
+use crate::observe::events::{Broker as BrokerEvent, Event};
+use crate::observe::status::{BrokerFigures, Source};
+use isotherm_core::quantity::Moment;
+use isotherm_plant::{Message, Publisher, Snapshot};
+
+/// The first pause after a connection that could not be made, or broke; each is twice as long.
+const FIRST_PAUSE: Duration = Duration::from_secs(1);
+/// No pause is longer.
+const LONGEST_PAUSE: Duration = Duration::from_secs(30);
+/// How long the end of a run waits for what has not been published yet.
+pub(super) const LAST_PATIENCE: Duration = Duration::from_secs(2);
+
+/// Publishes to one broker.
+pub(super) struct Runner {
+    pub(super) publisher: Box<dyn Publisher>,
+    pub(super) source: Arc<dyn Source>,
+    pub(super) figures: Arc<BrokerFigures>,
+    pub(super) clock: Clock,
+    /// The broker's address.
+    pub(super) address: String,
+    pub(super) every: Duration,
+    pub(super) resolutions: Vec<f64>,
+    pub(super) happenings: Happenings,
+    pub(super) kept: Kept,
+    pub(super) commands: Commands,
+    /// What the connection had no room for yet, and when it was told.
+    pub(super) outbox: VecDeque<(Moment, Message)>,
+}
+
+/// How a connection ended.
+enum End {
+    Broken(Fault),
+    /// The gateway has ended.
+    Stopped,
+}
+
+impl Runner {
+    /// Until it is told to stop.
+    pub(super) async fn run(mut self, broker: impl Broker, mut stopped: watch::Receiver<bool>) {
+        let mut ticks = interval(self.every);
+        ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
+        let (mut failures, mut pause) = (0_u64, FIRST_PAUSE);
+        let mut chance = Pcg64Mcg::seed_from_u64(self.clock.time_of_day().as_nanos());
+        loop {
+            let will = self.publisher.will();
+            let mut connecting = std::pin::pin!(broker.connect(Some(will)));
+            let connected = loop {
+                tokio::select! {
+                    connected = &mut connecting => break Some(connected),
+                    _ = ticks.tick() => self.keep(),
+                    () = ends(&mut stopped) => break None,
+                }
+            };
+            let fault = match connected {
+                None => return,
+                Some(Err(fault)) => fault,
+                Some(Ok(connection)) => {
+                    self.is_connected(std::mem::take(&mut failures));
+                    let since = self.clock.now();
+                    let end = self.published(connection, &mut ticks, &mut stopped).await;
+                    if self.clock.now().since(since) > LONGEST_PAUSE {
+                        pause = FIRST_PAUSE;
+                    }
+                    match end {
+                        End::Stopped => return,
+                        End::Broken(fault) => fault,
+                    }
+                }
+            };
+            failures += 1;
+            self.is_away(&fault, failures == 1);
+            // Two gateways that lost one broker do not come back at once.
+            let spread = pause.mul_f64(chance.random_range(0.5..1.0));
+            pause = (pause * 2).min(LONGEST_PAUSE);
+            let mut waiting = std::pin::pin!(tokio::time::sleep(spread));
+            loop {
+                tokio::select! {
+                    () = &mut waiting => break,
+                    _ = ticks.tick() => self.keep(),
+                    () = ends(&mut stopped) => return,
+                }
+            }
+        }
+    }
+
+    fn is_connected(&mut self, failures: u64) {
+        self.figures.note(|figures| {
+            figures.connected = true;
+            figures.fault.clear();
+            figures.connections += 1;
+        });
+        let broker = self.address.clone();
+        if failures > 0 {
+            self.source.report(&Event::Broker(BrokerEvent::Up { broker, attempts: failures }));
+        } else {
+            tracing::info!("connected to {broker}");
+        }
+    }
+
+    fn is_away(&mut self, fault: &Fault, is_first: bool) {
+        let why = fault.to_string();
+        self.figures.note(|figures| {
+            figures.connected = false;
+            figures.fault.clone_from(&why);
+        });
+        if is_first {
+            let broker = self.address.clone();
+            self.source.report(&Event::Broker(BrokerEvent::Down { broker, why }));
+        }
+    }
+
+    /// One connection, from its beginning to its end.
+    async fn published(
+        &mut self,
+        mut connection: impl Connection,
+        ticks: &mut Interval,
+        stopped: &mut watch::Receiver<bool>,
+    ) -> End {
+        for subscription in self.publisher.subscriptions() {
+            if let Err(fault) = connection.subscribe(&subscription) {
+                return End::Broken(fault);
+            }
+        }
+        let now = self.clock.time_of_day();
+        let snapshot = self.snapshot();
+        let messages = self.publisher.connected(now, &snapshot);
+        self.outbox.extend(messages.into_iter().map(|message| (now, message)));
+        ticks.reset();
+        loop {
+            self.send(&mut connection);
+            let fault = tokio::select! {
+                heard = connection.next() => match heard {
+                    Heard::Room => continue,
+                    Heard::Arrived(arrived) => {
+                        self.arrived(arrived);
+                        continue;
+                    }
+                    Heard::Lost(fault) => fault,
+                },
+                _ = ticks.tick() => {
+                    self.tell(connection.last_heard());
+                    continue;
+                }
+                () = ends(stopped) => {
+                    self.end(connection).await;
+                    return End::Stopped;
+                }
+            };
+            self.is_lost(connection.last_heard());
+            return End::Broken(fault);
+        }
+    }
+
+    /// What of the state is new becomes messages, where those before them have left; what waited for the broker comes behind.
+    fn tell(&mut self, last_heard: Moment) {
+        if !self.outbox.is_empty() {
+            // It is too slow: the state that it gets next is the newest then, and only events wait.
+            let status = self.source.status();
+            self.happenings.look(&status);
+            self.count();
+            return;
+        }
+        let now = self.clock.time_of_day();
+        let snapshot = self.snapshot();
+        let mut messages = self.publisher.publish(now, &snapshot);
+        if self.publisher.may_forward() {
+            let records = self.kept.next(now, last_heard);
+            messages.extend(self.publisher.forward(now, &records));
+        }
+        self.outbox.extend(messages.into_iter().map(|message| (now, message)));
+        self.tell_what_was_dropped();
+    }
+
+    fn snapshot(&mut self) -> Snapshot {
+        let status = self.source.status();
+        self.happenings.look(&status);
+        Snapshot { metrics: metrics(&status, &self.resolutions), events: self.happenings.take() }
+    }
+
+    /// While there is no connection.
+    fn keep(&mut self) {
+        let now = self.clock.time_of_day();
+        let snapshot = self.snapshot();
+        self.kept.push(self.publisher.absent(now, &snapshot));
+        if let Some(why) = self.kept.fails() {
+            let broker = self.address.clone();
+            self.source.report(&Event::Broker(BrokerEvent::NotKept { broker, why }));
+        }
+        self.count();
+    }
+
+    fn is_lost(&mut self, last_heard: Moment) {
+        // What waits here has not even left.
+        let waiting = self.outbox.front().map_or(last_heard, |(told, _)| *told);
+        self.outbox.clear();
+        self.kept.is_broken();
+        self.kept.push(self.publisher.disconnected(last_heard.min(waiting)));
+        self.count();
+    }
+
+    fn arrived(&mut self, arrived: Arrived) {
+        let now = self.clock.time_of_day();
+        if arrived.retained {
+            self.commands.refuse_retained(now, &arrived.topic, self.source.as_ref());
+            return;
+        }
+        let snapshot = self.snapshot();
+        let Arrived { topic, payload, .. } = arrived;
+        let reaction = self.publisher.received(now, &snapshot, &topic, &payload);
+        self.outbox.extend(reaction.messages.into_iter().map(|message| (now, message)));
+        if let Some(outcome) = reaction.outcome {
+            self.commands.take(now, outcome, self.source.as_ref());
+        }
+    }
+
+    fn send(&mut self, connection: &mut impl Connection) {
+        let mut sent = 0;
+        while let Some((told, message)) = self.outbox.pop_front() {
+            match connection.send(message, told) {
+                Ok(()) => sent += 1,
+                Err(message) => {
+                    self.outbox.push_front((told, message));
+                    break;
+                }
+            }
+        }
+        self.figures.note(|figures| figures.published += sent);
+        self.count();
+    }
+
+    fn count(&mut self) {
+        let queued = u64::try_from(self.outbox.len() + self.happenings.len()).unwrap_or(u64::MAX);
+        let queued = queued.saturating_add(self.kept.len());
+        self.figures.note(|figures| figures.queued = queued);
+    }
+
+    /// Once, when the broker takes messages again.
+    fn tell_what_was_dropped(&mut self) {
+        let count = self.happenings.dropped() + self.kept.dropped() + self.publisher.left_out();
+        if count > 0 {
+            self.figures.note(|figures| figures.dropped += count);
+            let broker = self.address.clone();
+            self.source.report(&Event::Broker(BrokerEvent::Dropped { broker, count }));
+        }
+    }
+
+    /// The gateway has ended: the last state and the farewell, in two seconds or never.
+    async fn end(&mut self, mut connection: impl Connection) {
+        let now = self.clock.time_of_day();
+        let snapshot = self.snapshot();
+        let mut messages = self.publisher.publish(now, &snapshot);
+        messages.extend(self.publisher.farewell(now));
+        self.outbox.extend(messages.into_iter().map(|message| (now, message)));
+        let last = async {
+            loop {
+                self.send(&mut connection);
+                if self.outbox.is_empty() && connection.is_done() {
+                    break true;
+                }
+                if let Heard::Lost(_) = connection.next().await {
+                    break false;
+                }
+            }
+        };
+        if tokio::time::timeout(LAST_PATIENCE, last).await == Ok(true) {
+            connection.close().await;
+        }
+        self.figures.note(|figures| figures.connected = false);
+    }
+}
+
+/// Ready when the gateway has ended.
+async fn ends(stopped: &mut watch::Receiver<bool>) {
+    // An error means that whoever would say it is gone.
+    let _ = stopped.wait_for(|stopped| *stopped).await;
+}
+
+#[cfg(test)]
+mod tests;

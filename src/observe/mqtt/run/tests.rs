@@ -1,0 +1,286 @@
+//! Hours of a broker that is away, too slow or gone, in no time.
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+
+use super::*;
+use crate::observe::asker::Asker;
+use crate::observe::events::file::Found;
+use crate::observe::events::{Entry, Level};
+use crate::observe::status::{Answer, BrokerStatus, Command, Status};
+use isotherm_plant::{Json, JsonSettings, Subscription};
+
+/// A gateway at which something happens with each look, as long as it is told so.
+#[derive(Default)]
+struct Machine {
+    happened: Mutex<(u64, u64)>,
+    reported: Mutex<Vec<Event>>,
+}
+
+impl Machine {
+    /// So many events happen between two looks.
+    fn is_busy(&self, events: u64) {
+        self.happened.lock().unwrap().1 = events;
+    }
+
+    fn happened(&self) -> u64 {
+        self.happened.lock().unwrap().0
+    }
+
+    fn said(&self) -> Vec<String> {
+        let reported = self.reported.lock().unwrap();
+        reported.iter().map(|event| event.entry(Moment::default()).text).collect()
+    }
+}
+
+impl Source for Machine {
+    fn status(&self) -> Status {
+        let mut happened = self.happened.lock().unwrap();
+        happened.0 += happened.1;
+        let entry = |number: u64| Entry {
+            at: "2026-07-02T12:00:00Z".into(),
+            kind: "zeroed".into(),
+            level: Level::Info,
+            text: format!("number {number}"),
+            data: serde_json::Value::Null,
+        };
+        Status {
+            machine: "press".into(),
+            label: String::new(),
+            description: String::new(),
+            version: "1",
+            now: "2026-07-02T12:00:00Z".into(),
+            zone: String::new(),
+            clock: "virtual",
+            uptime_s: 1.0,
+            machine_on_s: None,
+            language: None,
+            overridden: Vec::new(),
+            dry_run: false,
+            stopping: false,
+            ready: true,
+            axes: Vec::new(),
+            signals: Vec::new(),
+            buses: Vec::new(),
+            devices: Vec::new(),
+            outputs: Vec::new(),
+            log_dropped: 0,
+            alarms: Vec::new(),
+            events: (happened.0.saturating_sub(200)..happened.0).map(entry).collect(),
+            event_counts: [("zeroed", happened.0)].into(),
+            mqtt: None,
+            lock_held: Vec::new(),
+        }
+    }
+
+    fn command(&self, _: Command, _: Option<&str>, _: &Arc<Asker>) -> Result<Answer, String> {
+        panic!("nobody commands over the broker")
+    }
+
+    fn arming(&self, _: Option<&str>) -> Result<Answer, String> {
+        panic!("nobody arms over the broker")
+    }
+
+    fn signing(&self, _: Option<&str>) -> Result<Answer, String> {
+        panic!("nobody moves over the broker")
+    }
+
+    fn measured(&self, _: &str, _: Option<f64>, _: &Asker) -> Result<Answer, String> {
+        Ok(Answer::Done(String::new()))
+    }
+
+    fn acknowledge(&self, _: Option<&str>, _: &Asker) -> Result<Answer, String> {
+        panic!("nobody acknowledges over the broker")
+    }
+
+    fn logs(&self, _: Moment, _: Moment) -> Option<Vec<PathBuf>> {
+        None
+    }
+
+    fn turned_away(&self, _: &str, _: &Asker, _: &str) {}
+
+    fn report(&self, event: &Event) {
+        self.reported.lock().unwrap().push(event.clone());
+    }
+
+    fn events(&self, _: Moment, _: &mut dyn FnMut(Found) -> bool) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+/// A broker that is what it is told to be.
+#[derive(Clone, Default)]
+struct Fake(Arc<Mutex<State>>);
+
+#[derive(Default)]
+struct State {
+    is_away: bool,
+    /// It is there, and takes nothing.
+    is_full: bool,
+    attempts: u64,
+    taken: Vec<String>,
+}
+
+impl Broker for Fake {
+    type Connection = Fake;
+
+    async fn connect(&self, _: Option<Message>) -> Result<Fake, Fault> {
+        let mut state = self.0.lock().unwrap();
+        state.attempts += 1;
+        if state.is_away { Err(Fault::Silent) } else { Ok(self.clone()) }
+    }
+}
+
+impl Connection for Fake {
+    fn send(&mut self, message: Message, _: Moment) -> Result<(), Message> {
+        let mut state = self.0.lock().unwrap();
+        if state.is_full {
+            return Err(message);
+        }
+        state.taken.push(format!("{} {}", message.topic, String::from_utf8(message.payload).unwrap()));
+        Ok(())
+    }
+
+    fn subscribe(&mut self, _: &Subscription) -> Result<(), Fault> {
+        panic!("nothing is asked for")
+    }
+
+    async fn next(&mut self) -> Heard {
+        loop {
+            tokio::time::sleep(Duration::from_millis(100)).await;
+            if self.0.lock().unwrap().is_away {
+                return Heard::Lost(Fault::Broken);
+            }
+        }
+    }
+
+    fn last_heard(&self) -> Moment {
+        Moment::END
+    }
+
+    fn is_done(&self) -> bool {
+        true
+    }
+
+    async fn close(self) {}
+}
+
+/// Runs beside a broker, until `day` is over; how publishing went then.
+async fn run(machine: &Arc<Machine>, broker: &Fake, day: impl Future<Output = ()>) -> BrokerStatus {
+    let source: Arc<dyn Source> = machine.clone();
+    let figures = Arc::new(BrokerFigures::of("mqtt://here".into()));
+    let json = Json::new(JsonSettings {
+        group: "g".into(),
+        machine: "press".into(),
+        version: "1".into(),
+        refresh: Duration::from_secs(60),
+        takes_measured: false,
+        home_assistant: false,
+    });
+    let runner = Runner {
+        publisher: Box::new(json),
+        source,
+        figures: figures.clone(),
+        clock: Clock::wall(),
+        commands: Commands::from("mqtt://here"),
+        address: "mqtt://here".into(),
+        every: Duration::from_secs(1),
+        resolutions: Vec::new(),
+        happenings: Happenings::default(),
+        kept: Kept::in_memory(),
+        outbox: VecDeque::new(),
+    };
+    let (stop, stopped) = watch::channel(false);
+    let day = async {
+        day.await;
+        let went = figures.read();
+        stop.send_replace(true);
+        went
+    };
+    tokio::join!(runner.run(broker.clone(), stopped), day).1
+}
+
+async fn passes(seconds: u64) {
+    tokio::time::sleep(Duration::from_secs(seconds)).await;
+}
+
+fn events_of(broker: &Fake) -> Vec<u64> {
+    let state = broker.0.lock().unwrap();
+    let number = |line: &String| line.rsplit("number ").next()?.trim_end_matches(['"', '}']).parse().ok();
+    state.taken.iter().filter(|line| line.starts_with("g/press/event")).filter_map(number).collect()
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_broker_that_is_away_for_an_hour_is_tried_ever_more_seldom_and_told_of_once() {
+    let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
+    broker.0.lock().unwrap().is_away = true;
+    let went = run(&machine, &broker, passes(3600)).await;
+    let attempts = broker.0.lock().unwrap().attempts;
+    assert!((120..300).contains(&attempts), "{attempts}");
+    assert_eq!((went.connected, went.fault.as_str(), went.queued), (false, "no answer", 0));
+    let said = machine.said();
+    assert_eq!(said.len(), 1, "{said:?}");
+    assert!(said[0].starts_with("nothing is published to mqtt://here: no answer"), "{said:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_happens_meanwhile_is_told_once_each_when_it_is_back() {
+    let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
+    broker.0.lock().unwrap().is_away = true;
+    machine.is_busy(1);
+    let went = run(&machine, &broker, async {
+        passes(600).await;
+        broker.0.lock().unwrap().is_away = false;
+        passes(120).await;
+    })
+    .await;
+    assert_eq!((went.connected, went.dropped, went.queued), (true, 0, 0));
+    let mut told = events_of(&broker);
+    assert!(told.len() > 650, "{}", told.len());
+    told.sort_unstable();
+    let last = told.last().copied().unwrap();
+    assert_eq!(told, (0..=last).collect::<Vec<_>>(), "each once");
+    let said = machine.said();
+    assert!(said.len() == 2 && said[1].contains("connected after"), "{said:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn more_than_has_room_is_dropped_counted_and_told_once() {
+    let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
+    broker.0.lock().unwrap().is_away = true;
+    machine.is_busy(150);
+    let went = run(&machine, &broker, async {
+        passes(300).await;
+        machine.is_busy(0);
+        broker.0.lock().unwrap().is_away = false;
+        passes(120).await;
+    })
+    .await;
+    let told = u64::try_from(events_of(&broker).len()).unwrap();
+    assert_eq!(told, 1000, "so many have room");
+    assert_eq!(told + went.dropped, machine.happened());
+    let dropped = format!("{} messages to mqtt://here found no room", went.dropped);
+    assert_eq!(machine.said().iter().filter(|said| said.starts_with(&dropped)).count(), 1);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_broker_that_takes_nothing_gets_the_newest_state_later_and_a_thousand_events() {
+    let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
+    broker.0.lock().unwrap().is_full = true;
+    machine.is_busy(50);
+    let most = Mutex::new(0);
+    let went = run(&machine, &broker, async {
+        for _ in 0..600 {
+            passes(1).await;
+        }
+        broker.0.lock().unwrap().is_full = false;
+        machine.is_busy(0);
+        passes(10).await;
+        *most.lock().unwrap() = broker.0.lock().unwrap().taken.len();
+    })
+    .await;
+    let taken = *most.lock().unwrap();
+    assert!((1000..1200).contains(&taken), "{taken} messages waited");
+    assert!(went.dropped > 20_000, "{}", went.dropped);
+    assert_eq!(went.queued, 0);
+}

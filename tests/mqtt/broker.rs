@@ -1,0 +1,84 @@
+//! mosquitto, in a process of its own, and a reader of it.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use super::process::{Running, file, free_port, until};
+
+const LACKS: &str = "is not installed: `tests/run mqtt` does it";
+
+/// A broker that listens at a port of this computer.
+pub(crate) struct Broker {
+    pub(crate) port: u16,
+    configuration: PathBuf,
+    running: Option<Running>,
+    home: tempfile::TempDir,
+}
+
+impl Broker {
+    /// Everybody may do everything.
+    pub(crate) fn open() -> Broker {
+        Broker::with(|_, _| "allow_anonymous true\n".to_owned())
+    }
+
+    /// One whose further lines of configuration are made for its directory and its reader.
+    pub(crate) fn with(lines: impl FnOnce(&Path, u16) -> String) -> Broker {
+        let (home, port) = (tempfile::tempdir().unwrap(), free_port());
+        let lines = lines(home.path(), port);
+        let text = format!("user root\nlog_type all\nlistener {port} 127.0.0.1\n{lines}");
+        let configuration = file(home.path(), "mosquitto.conf", &text);
+        let mut broker = Broker { port, configuration, running: None, home };
+        broker.starts();
+        broker
+    }
+
+    /// Its directory.
+    pub(crate) fn home(&self) -> &Path {
+        self.home.path()
+    }
+
+    /// Begins, or begins again at the same port.
+    pub(crate) fn starts(&mut self) {
+        let found = ["/usr/sbin/mosquitto", "/usr/local/sbin/mosquitto", "/usr/bin/mosquitto"];
+        let program = found.iter().find(|path| Path::new(path).exists());
+        let program = program.unwrap_or_else(|| panic!("mosquitto {LACKS}"));
+        self.running = Some(Running::start(Command::new(program).arg("-c").arg(&self.configuration)));
+        let port = self.port;
+        until("the broker listens", || {
+            std::net::TcpStream::connect(("127.0.0.1", port)).map(drop).map_err(|error| error.to_string())
+        });
+    }
+
+    /// Is killed.
+    pub(crate) fn dies(&mut self) {
+        self.running.take().unwrap().killed();
+    }
+
+    /// Stands still, and goes on.
+    pub(crate) fn process(&self) -> &Running {
+        self.running.as_ref().unwrap()
+    }
+
+    /// What it has written.
+    pub(crate) fn so_far(&mut self) -> String {
+        self.running.as_mut().unwrap().so_far().join("\n")
+    }
+
+    /// A reader of these topics: a line a message, `RETAINED TOPIC PAYLOAD`.
+    pub(crate) fn reads(&self, topics: &str, more: &[&str]) -> Running {
+        let port = self.port.to_string();
+        let mut command = Command::new("mosquitto_sub");
+        command.args(["-h", "127.0.0.1", "-p", &port, "-q", "1", "-t", topics, "-F", "%r %t %p"]).args(more);
+        assert!(Command::new("mosquitto_sub").arg("--help").output().is_ok(), "mosquitto_sub {LACKS}");
+        Running::start(&mut command)
+    }
+
+    /// Publishes one message.
+    pub(crate) fn tells(&self, topic: &str, payload: &str, more: &[&str]) {
+        let port = self.port.to_string();
+        let mut command = Command::new("mosquitto_pub");
+        command.args(["-h", "127.0.0.1", "-p", &port, "-q", "1", "-t", topic, "-m", payload]).args(more);
+        let done = command.output().unwrap_or_else(|error| panic!("mosquitto_pub {LACKS} ({error})"));
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    }
+}

@@ -1,0 +1,168 @@
+//! A machine of a hundred temperatures that change with every read, and a gateway that holds it.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU16, Ordering};
+use std::sync::{Arc, Mutex};
+
+use serde_json::Value;
+
+use super::device::server::{Question, serve};
+use super::process::{Running, file, isotherm, until};
+
+/// What it has of signals.
+pub(crate) const SIGNALS: usize = 100;
+/// The register of its offset.
+const OFFSET: u16 = 200;
+
+/// A gateway in a process of its own, with the machine that it holds.
+pub(crate) struct Machine {
+    pub(crate) running: Running,
+    pub(crate) profile: PathBuf,
+    home: tempfile::TempDir,
+    /// While it is set, no temperature is answered.
+    is_mute: Arc<AtomicU16>,
+}
+
+/// A profile of it, with `[mqtt]` where there is any.
+fn profile(address: &str, mqtt: &str) -> String {
+    let signals: String = (0..SIGNALS)
+        .map(|place| {
+            format!(
+                "bed{place} = {{ device = \"cnc\", register = \"holding:{place}\", type = \"i16\", scale = 0.1, unit = \"degC\", \
+                 max_age = \"10s\" }}\n"
+            )
+        })
+        .collect();
+    format!(
+        r#"
+[machine]
+name = "press"
+arm = "auto"
+[bus.cell]
+type = "modbus-tcp"
+address = "{address}"
+timeout = "2s"
+[device.cnc]
+bus = "cell"
+unit = 1
+every = "50ms"
+[signal]
+{signals}
+[axis.z]
+limit = 40.0
+step = 1.0
+rate = 1000.0
+every = "200ms"
+on_fault = {{ action = "hold" }}
+[[axis.z.model]]
+name = "bed"
+kind = "linear"
+terms = [ {{ signal = "bed0", gain = 1.0, reference = 0.0 }} ]
+[axis.z.probe]
+limit = 20.0
+max_error = 30.0
+[output.cnc_z]
+axis = "z"
+device = "cnc"
+writes = "offset"
+register = "holding:{OFFSET}"
+type = "i16"
+scale = 0.1
+{mqtt}
+"#
+    )
+}
+
+impl Machine {
+    /// One with this `[mqtt]`.
+    pub(crate) fn with(mqtt: &str) -> Machine {
+        Machine::beside(mqtt, |_| ())
+    }
+
+    /// The same, with files beside its profile.
+    pub(crate) fn beside(mqtt: &str, files: impl FnOnce(&Path)) -> Machine {
+        let (profile, home, is_mute) = Machine::prepared(mqtt, files);
+        let running = Running::start(isotherm(home.path()).arg("run").arg(&profile));
+        Machine { running, profile, home, is_mute }
+    }
+
+    /// Its profile, before anything runs.
+    pub(crate) fn prepared(
+        mqtt: &str,
+        files: impl FnOnce(&Path),
+    ) -> (PathBuf, tempfile::TempDir, Arc<AtomicU16>) {
+        let (offset, reads, is_mute) =
+            (Arc::new(Mutex::new(0_u16)), AtomicU16::new(0), Arc::new(AtomicU16::new(0)));
+        let (reads, mute) = (Arc::new(reads), is_mute.clone());
+        let address = serve(move |question: &Question, stream| {
+            let temperatures = question.is_read() && question.from() < OFFSET;
+            if temperatures && mute.load(Ordering::Relaxed) > 0 {
+                return stream.write_all(&question.answer(&question.denied(4)));
+            }
+            let round = if temperatures { reads.fetch_add(1, Ordering::Relaxed) } else { 0 };
+            let mut bank: Vec<u16> = (0..=OFFSET).map(|place| 100 + (round + place) % 50).collect();
+            let mut offset = offset.lock().unwrap();
+            bank[0] = 100;
+            bank[usize::from(OFFSET)] = *offset;
+            if question.is_read() {
+                return stream.write_all(&question.answer(&question.read(&bank)));
+            }
+            *offset = question.words()[0];
+            stream.write_all(&question.answer(&question.done()))
+        });
+        let home = tempfile::tempdir().unwrap();
+        files(home.path());
+        let profile = file(home.path(), "machine.toml", &profile(&address.to_string(), mqtt));
+        (profile, home, is_mute)
+    }
+
+    /// Is killed, and begins anew with what is on disk.
+    pub(crate) fn is_killed_and_begins(self) -> Machine {
+        let Machine { running, profile, home, is_mute } = self;
+        running.killed();
+        let running = Running::start(isotherm(home.path()).arg("run").arg(&profile));
+        Machine { running, profile, home, is_mute }
+    }
+
+    /// Whether its temperatures are answered.
+    pub(crate) fn answers(&self, answers: bool) {
+        self.is_mute.store(u16::from(!answers), Ordering::Relaxed);
+    }
+
+    /// `isotherm VERB` of it.
+    pub(crate) fn verb(&self, verb: &str, more: &[&str]) -> String {
+        let mut command = isotherm(self.home.path());
+        let done = command.arg(verb).arg(&self.profile).args(more).output().unwrap();
+        format!("{}{}", String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr))
+    }
+
+    /// Its state.
+    pub(crate) fn status(&self) -> Value {
+        let said = self.verb("status", &["--json"]);
+        serde_json::from_str(&said).unwrap_or_else(|_| panic!("{said}"))
+    }
+
+    /// Waits until its axis follows the model.
+    pub(crate) fn is_active(&self) {
+        until("the axis is active", || {
+            let said = self.verb("status", &["--json"]);
+            let status: Value = serde_json::from_str(&said).map_err(|_| said.clone())?;
+            if status["axes"]["z"]["state"] == "active" { Ok(()) } else { Err(said) }
+        });
+    }
+
+    /// How often polls were late, by more than this many milliseconds, and how often there were any.
+    pub(crate) fn late(&self, ms: f64) -> (u64, u64) {
+        let status = self.status();
+        let mut counts = (0, 0);
+        for bucket in status["buses"][0]["jitter_ms"].as_array().unwrap() {
+            let count = bucket[1].as_u64().unwrap();
+            counts.1 += count;
+            if bucket[0].as_f64().is_none_or(|bound| bound > ms) {
+                counts.0 += count;
+            }
+        }
+        counts
+    }
+}

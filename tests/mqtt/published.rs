@@ -1,0 +1,112 @@
+//! What is published, to whom it is kept, and what a gateway that dies leaves.
+
+use std::time::Duration;
+
+use serde_json::Value;
+
+use super::broker::Broker;
+use super::machine::Machine;
+use super::process::{PATIENCE, Running, isotherm, until};
+
+fn mqtt(broker: &Broker) -> String {
+    format!(
+        "[mqtt]\nbroker = \"mqtt://127.0.0.1:{}\"\nevery = \"200ms\"\nhome_assistant = true\n",
+        broker.port
+    )
+}
+
+/// The document of the next message to this topic.
+fn document(reader: &mut Running, topic: &str) -> Value {
+    let line = reader.hears(&format!(" {topic} "));
+    let payload = line.split_once(&format!(" {topic} ")).unwrap().1;
+    serde_json::from_str(payload).unwrap_or_else(|error| panic!("{error}: {line}"))
+}
+
+#[test]
+fn state_is_kept_for_whoever_comes_later_and_events_are_told_once() {
+    let broker = Broker::open();
+    let mut early = broker.reads("isotherm/press/event", &[]);
+    let mut machine = Machine::with(&mqtt(&broker));
+    assert_eq!(document(&mut early, "isotherm/press/event")["kind"], "started");
+    machine.is_active();
+    let mut late = broker.reads("#", &[]);
+    late.hears("1 isotherm/press/state online");
+    let axis = late.hears("1 isotherm/press/axis/z ");
+    assert!(axis.contains("\"state\":\"active\""), "{axis}");
+    let mut bed = broker.reads("isotherm/press/signal/bed7", &[]);
+    let first = document(&mut bed, "isotherm/press/signal/bed7");
+    assert_eq!((&first["unit"], &first["quality"]), (&Value::from("degC"), &Value::from("good")));
+    assert_ne!(first["value"], document(&mut bed, "isotherm/press/signal/bed7")["value"], "it changes");
+    for topic in ["gateway", "output/cnc_z", "device/cnc", "bus/cell"] {
+        broker.reads(&format!("isotherm/press/{topic}"), &[]).hears("1 isotherm/press/");
+    }
+    let mut home_assistant = broker.reads("homeassistant/#", &[]);
+    home_assistant.hears("1 homeassistant/sensor/isotherm-press/signal_bed7_value/config ");
+    assert!(!late.so_far().iter().any(|line| line.starts_with("1 isotherm/press/event")), "no event is kept");
+
+    machine.answers(false);
+    let bad = document(&mut early, "isotherm/press/event");
+    assert_eq!((&bad["kind"], &bad["level"]), (&Value::from("signal-bad"), &Value::from("warning")), "{bad}");
+    let shown = machine.verb("status", &[]);
+    let connected = format!("broker mqtt://127.0.0.1:{}: connected", broker.port);
+    assert!(shown.contains(&connected), "{shown}");
+    assert!(machine.status()["mqtt"]["published"].as_u64().unwrap() > 100);
+
+    machine.running.signal("TERM");
+    let mut state = broker.reads("isotherm/press/state", &[]);
+    state.hears("isotherm/press/state offline");
+    assert!(machine.running.ends_within(PATIENCE).success(), "{:?}", machine.running.said);
+    early.hears("\"kind\":\"stopped\"");
+}
+
+#[test]
+fn a_gateway_that_is_killed_is_offline_by_its_will() {
+    let broker = Broker::open();
+    let mut state = broker.reads("isotherm/press/state", &[]);
+    let machine = Machine::with(&mqtt(&broker));
+    state.hears("isotherm/press/state online");
+    machine.running.killed();
+    state.hears("isotherm/press/state offline");
+}
+
+#[test]
+fn check_says_what_is_published_and_online_whether_the_broker_is_there() {
+    let mut broker = Broker::open();
+    let (profile, home, _mute) = Machine::prepared(&mqtt(&broker), |_| ());
+    let check = |more: &[&str]| {
+        let done = isotherm(home.path()).arg("check").arg(&profile).args(more).output().unwrap();
+        let said = [done.stdout, done.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
+        (done.status.success(), said)
+    };
+    let (fits, said) = check(&[]);
+    assert!(fits && said.contains("publishes"), "{said}");
+    for line in [
+        "  what has changed at most every 200ms, everything at least every 1m; events once",
+        "    isotherm/press/signal/bed0 … isotherm/press/signal/bed99 (100)",
+        "    isotherm/press/event (not kept by the broker; all others are)",
+        "  takes nothing: no message that arrives is even asked for",
+    ] {
+        assert!(said.contains(line), "{line}\n{said}");
+    }
+    let mut heard = broker.reads("isotherm/#", &[]);
+    let (fits, said) = check(&["--online"]);
+    assert!(fits && said.contains("takes the gateway; nothing was published"), "{said}");
+    broker.tells("isotherm/after", "it", &[]);
+    heard.hears("isotherm/after");
+    assert_eq!(heard.so_far().len(), 1, "nothing was published");
+    broker.dies();
+    let (fits, said) = check(&["--online"]);
+    assert!(!fits && said.contains("nothing listens at that port"), "{said}");
+    // A listener that speaks something else.
+    let other = std::net::TcpListener::bind(("127.0.0.1", broker.port)).unwrap();
+    std::thread::spawn(move || {
+        for mut stream in other.incoming().flatten() {
+            let _ = std::io::Write::write_all(&mut stream, b"HTTP/1.1 400 Bad Request\r\n\r\n");
+            std::thread::sleep(Duration::from_millis(200));
+        }
+    });
+    until("it is known for what it is", || {
+        let (fits, said) = check(&["--online"]);
+        if !fits && said.contains("does not speak MQTT") { Ok(()) } else { Err(said) }
+    });
+}
