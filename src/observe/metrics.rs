@@ -145,7 +145,7 @@ fn record_probe(axis: &AxisStatus, probe: &ProbeStatus, of: Labels<'_>) {
     let number = count(probe.history.len());
     let rms = (number > 0.0).then(|| (residuals().map(|um| um * um).sum::<f64>() / number).sqrt());
     set("isotherm_probe_correction_meters", &named, Some(meters(probe.correction_um)));
-    set("isotherm_probe_residual_meters", &named, residuals().last().map(meters));
+    set("isotherm_probe_residual_meters", &named, residuals().next_back().map(meters));
     set("isotherm_probe_residual_rms_meters", &named, rms.map(meters));
     set("isotherm_probe_residuals", &named, Some(number));
     set("isotherm_probe_warn_meters", &named, probe.warn_um.map(meters));
