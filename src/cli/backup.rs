@@ -173,7 +173,10 @@ fn archive(manifest: &Manifest, files: &[(String, u32, Vec<u8>)]) -> anyhow::Res
 /// The tokens, passwords and private keys that a profile names, as it names them.
 fn secrets(profile: &Profile, beside: &Path) -> BTreeSet<String> {
     let web = profile.web.as_ref();
-    let tokens = web.into_iter().flat_map(|web| [&web.token_file, &web.viewer_token_file]).flatten();
+    let tokens = web
+        .into_iter()
+        .flat_map(|web| [&web.token_file, &web.viewer_token_file, &web.scrape_token_file])
+        .flatten();
     let key = web.and_then(|web| web.tls.as_ref()).map(|tls| &tls.key);
     let mut secrets: BTreeSet<String> = tokens.chain(key).map(|path| name_in(path, beside)).collect();
     secrets.extend(profile.mqtt.iter().flat_map(|mqtt| mqtt.secrets()).map(|file| file.name.clone()));

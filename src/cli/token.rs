@@ -11,7 +11,8 @@ use crate::observe::http::new_token;
 
 /// A token for page and API, from the kernel's random numbers: 160 bits, as 40 letters and digits.
 ///
-/// `token_file` below [web] names the file with the operator's, who may command; `viewer_token_file` that of those who look.
+/// `token_file` below [web] names the file with the operator's, who may command; `viewer_token_file` that of those who look;
+/// `scrape_token_file` that of Prometheus, which reads /metrics and nothing else.
 /// A running gateway reads a file anew when it changes.
 #[derive(clap::Args, Debug)]
 #[command(
@@ -27,7 +28,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let token = new_token().context("the kernel has no random numbers")?;
     let Some(path) = &arguments.out else { return Ok(say!("{token}")?) };
     write(path, &token).with_context(|| format!("{} cannot be written", path.display()))?;
-    say_beside!("below [web] of the profile: token_file = \"{}\"", path.display());
+    say_beside!(
+        "below [web] of the profile: token_file = \"{0}\" (or viewer_token_file, scrape_token_file)",
+        path.display()
+    );
     Ok(())
 }
 

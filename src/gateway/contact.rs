@@ -257,6 +257,7 @@ impl Lost {
 mod tests {
     use super::*;
     use crate::fieldbus::error::{CanFault, LinkFault};
+    use crate::observe::status::DeviceStatus;
     use std::path::Path;
 
     #[test]
@@ -284,6 +285,11 @@ mod tests {
         contact.buses[0].connected = false;
         contact.fails(cnc, down, (4, down), &mut events);
         assert!(matches!(events[2..], [Event::LinkDown { .. }]), "{events:?}");
+    }
+
+    #[test]
+    fn whoever_can_be_to_blame_has_a_counter_from_the_start() {
+        assert_eq!(DeviceStatus::BLAMES, Fault::BLAMES);
     }
 
     #[test]

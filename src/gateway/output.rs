@@ -180,3 +180,17 @@ impl Standing {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::Standing;
+    use crate::observe::status::OutputStatus;
+
+    #[test]
+    fn an_output_that_is_off_or_stands_somehow_is_in_one_of_the_states_that_are_counted() {
+        use Standing::{Foreign, Interlocked, Unknown, Unverified, Verified};
+        let standing = [Unknown, Verified, Unverified, Interlocked, Foreign].map(Standing::name);
+        assert_eq!(OutputStatus::STATES[0], "off");
+        assert_eq!(OutputStatus::STATES[1..], standing);
+    }
+}

@@ -212,7 +212,7 @@ fn may(room: &Room, pass: &Pass) -> May {
     match pass.role {
         Role::Operator => May::Command,
         Role::Viewer if room.access.has_operator() => May::SignIn,
-        Role::Viewer => May::MakeToken,
+        Role::Viewer | Role::Scraper => May::MakeToken,
     }
 }
 

@@ -1,27 +1,30 @@
 //! The state as Prometheus text, made when it is asked for: nothing is counted on the way of a reading.
 //!
-//! What is not known has no line: no NaN, no zero that only looks like a value.
+//! What is not known has no line: no NaN, no zero that only looks like a value. Lengths are in meters, as Prometheus wants base
+//! units; what can be counted stands from the first on, so that its first time is an increase.
 
 use metrics::{Label, counter, describe_counter, describe_gauge, gauge, with_local_recorder};
 use metrics_exporter_prometheus::PrometheusBuilder;
 
-use super::status::{AxisStatus, BusStatus, DeviceStatus, OutputStatus, SignalStatus, Status};
+use super::events::{Alarm, Level};
+use super::status::{AxisStatus, BusStatus, DeviceStatus, OutputStatus, ProbeStatus, SignalStatus, Status};
 use isotherm_core::compensation::{AxisState, Stages};
 
 /// What each number is that goes up and down.
-const GAUGES: [(&str, &str); 26] = [
-    ("isotherm_axis_cz_micrometers", "Compensation after the guard."),
-    ("isotherm_axis_raw_micrometers", "Compensation as the model computes it."),
-    (
-        "isotherm_axis_expected_micrometers",
-        "One standard deviation of the error that is expected to be left.",
-    ),
+const GAUGES: [(&str, &str); 32] = [
+    ("isotherm_axis_cz_meters", "Compensation after the guard."),
+    ("isotherm_axis_raw_meters", "Compensation as the model computes it."),
+    ("isotherm_axis_expected_meters", "One standard deviation of the error that is expected to be left."),
     ("isotherm_axis_state", "1 for the state the axis is in, 0 for the others."),
     ("isotherm_axis_armed", "1 when the axis may write."),
-    ("isotherm_probe_correction_micrometers", "What measured errors add to the model's compensation."),
-    ("isotherm_probe_residual_micrometers", "What the last probing would have left of the error."),
+    ("isotherm_axis_wanted", "1 when the axis has a model and nobody keeps it off: it is to compensate."),
+    ("isotherm_probe_correction_meters", "What measured errors add to the model's compensation."),
+    ("isotherm_probe_residual_meters", "What the last probing would have left of the error."),
+    ("isotherm_probe_residual_rms_meters", "Root mean square of that over the last probings, 48 at most."),
+    ("isotherm_probe_residuals", "How many probings that is of."),
+    ("isotherm_probe_warn_meters", "The size of such a residual beyond which people are warned."),
     ("isotherm_probe_gain_change", "Share by which measured errors have changed a gain."),
-    ("isotherm_axis_limit_micrometers", "Largest size of the compensation."),
+    ("isotherm_axis_limit_meters", "Largest size of the compensation."),
     ("isotherm_axis_warned", "1 while the compensation lies beyond its warning level."),
     ("isotherm_axis_tripped", "1 when a model asked for more than the error level."),
     ("isotherm_axis_extrapolating", "1 outside what the model in use was identified on."),
@@ -38,6 +41,8 @@ const GAUGES: [(&str, &str); 26] = [
         "How long a change still waits for what may arrive late, at most.",
     ),
     ("isotherm_output_verified", "1 when the last write was read back as written."),
+    ("isotherm_output_state", "1 for the state the output is in, 0 for the others."),
+    ("isotherm_alarms", "Alarms that stand, by level and whether a person has seen them."),
     (
         "isotherm_clock_synchronised",
         "1 when the computer's clock is held to the right time; no line where that is not known.",
@@ -94,6 +99,7 @@ fn record(status: &Status) {
         counter!("isotherm_events_total", of(&[("kind", kind)])).absolute(*count);
     }
     counter!("isotherm_log_dropped_total", of(&[])).absolute(status.log_dropped);
+    record_alarms(&status.alarms, &of);
     status.axes.iter().for_each(|axis| record_axis(axis, &of));
     status.signals.iter().for_each(|signal| record_signal(signal, &of));
     status.devices.iter().for_each(|device| record_device(device, &of));
@@ -111,31 +117,27 @@ fn record(status: &Status) {
 
 type Labels<'a> = &'a dyn Fn(&[(&'static str, &str)]) -> Vec<Label>;
 
-fn record_axis(axis: &AxisStatus, of: Labels<'_>) {
-    let named = of(&[("axis", &axis.name)]);
-    set("isotherm_axis_cz_micrometers", &named, Some(axis.cz_um));
-    set("isotherm_axis_raw_micrometers", &named, axis.raw_um);
-    set("isotherm_axis_expected_micrometers", &named, axis.expected_um);
-    set("isotherm_axis_armed", &named, Some(flag(axis.armed)));
-    if let Some(probe) = &axis.probe {
-        set("isotherm_probe_correction_micrometers", &named, Some(probe.correction_um));
-        set(
-            "isotherm_probe_residual_micrometers",
-            &named,
-            probe.history.last().map(|(_, residual)| *residual),
-        );
-        for (place, gain) in probe.gains.iter().enumerate() {
-            let term = place.to_string();
-            let labels = [
-                ("axis", axis.name.as_str()),
-                ("model", &gain.model),
-                ("signal", &gain.signal),
-                ("term", &term),
-            ];
-            set("isotherm_probe_gain_change", &of(&labels), Some(gain.change));
+fn record_alarms(alarms: &[Alarm], of: Labels<'_>) {
+    for (level, name) in [(Level::Warning, "warning"), (Level::Error, "error")] {
+        for (seen, word) in [(false, "no"), (true, "yes")] {
+            let is_one = |alarm: &&Alarm| alarm.level == level && alarm.acknowledged.is_some() == seen;
+            let named = of(&[("level", name), ("acknowledged", word)]);
+            set("isotherm_alarms", &named, Some(count(alarms.iter().filter(is_one).count())));
         }
     }
-    set("isotherm_axis_limit_micrometers", &named, Some(axis.limit_um));
+}
+
+fn record_axis(axis: &AxisStatus, of: Labels<'_>) {
+    let named = of(&[("axis", &axis.name)]);
+    set("isotherm_axis_cz_meters", &named, Some(meters(axis.cz_um)));
+    set("isotherm_axis_raw_meters", &named, axis.raw_um.map(meters));
+    set("isotherm_axis_expected_meters", &named, axis.expected_um.map(meters));
+    set("isotherm_axis_armed", &named, Some(flag(axis.armed)));
+    set("isotherm_axis_wanted", &named, Some(flag(axis.is_wanted())));
+    if let Some(probe) = &axis.probe {
+        record_probe(axis, probe, of);
+    }
+    set("isotherm_axis_limit_meters", &named, Some(meters(axis.limit_um)));
     set("isotherm_axis_warned", &named, axis.warn_um.map(|_| flag(axis.warned)));
     set("isotherm_axis_tripped", &named, axis.error_um.map(|_| flag(axis.tripped)));
     set("isotherm_axis_extrapolating", &named, axis.excess.map(|_| flag(axis.extrapolating.is_some())));
@@ -150,6 +152,24 @@ fn record_axis(axis: &AxisStatus, of: Labels<'_>) {
     }
 }
 
+fn record_probe(axis: &AxisStatus, probe: &ProbeStatus, of: Labels<'_>) {
+    let named = of(&[("axis", &axis.name)]);
+    let residuals = || probe.history.iter().map(|(_, residual)| *residual);
+    let number = count(probe.history.len());
+    let rms = (number > 0.0).then(|| (residuals().map(|um| um * um).sum::<f64>() / number).sqrt());
+    set("isotherm_probe_correction_meters", &named, Some(meters(probe.correction_um)));
+    set("isotherm_probe_residual_meters", &named, residuals().next_back().map(meters));
+    set("isotherm_probe_residual_rms_meters", &named, rms.map(meters));
+    set("isotherm_probe_residuals", &named, Some(number));
+    set("isotherm_probe_warn_meters", &named, probe.warn_um.map(meters));
+    for (place, gain) in probe.gains.iter().enumerate() {
+        let term = place.to_string();
+        let labels =
+            [("axis", axis.name.as_str()), ("model", &gain.model), ("signal", &gain.signal), ("term", &term)];
+        set("isotherm_probe_gain_change", &of(&labels), Some(gain.change));
+    }
+}
+
 fn record_signal(signal: &SignalStatus, of: Labels<'_>) {
     let named = of(&[("signal", &signal.name)]);
     set("isotherm_signal_value", &of(&[("signal", &signal.name), ("unit", signal.unit)]), signal.value);
@@ -161,9 +181,10 @@ fn record_device(device: &DeviceStatus, of: Labels<'_>) {
     let named = of(&[("device", &device.name), ("bus", &device.bus)]);
     set("isotherm_device_up", &named, Some(flag(device.state == "ok")));
     counter!("isotherm_device_requests_total", named).absolute(device.requests);
-    for (blame, count) in &device.failures {
+    for blame in DeviceStatus::BLAMES {
         let named = of(&[("device", &device.name), ("bus", &device.bus), ("blame", blame)]);
-        counter!("isotherm_device_failures_total", named).absolute(*count);
+        let count = device.failures.get(blame).copied().unwrap_or_default();
+        counter!("isotherm_device_failures_total", named).absolute(count);
     }
 }
 
@@ -179,6 +200,10 @@ fn record_output(output: &OutputStatus, of: Labels<'_>) {
     let unit = output.unit();
     set("isotherm_output_verified", &named, Some(flag(output.state == "verified")));
     counter!("isotherm_output_writes_total", named).absolute(output.writes_done);
+    for state in OutputStatus::STATES {
+        let named = of(&[("output", &output.name), ("axis", &output.axis), ("state", state)]);
+        set("isotherm_output_state", &named, Some(flag(output.state == state)));
+    }
     let named = of(&[("output", &output.name), ("axis", &output.axis), ("unit", unit)]);
     set("isotherm_output_value", &named, output.value);
     set("isotherm_output_late_write_wait_seconds", &named, output.waits_s);
@@ -188,6 +213,14 @@ fn set(name: &'static str, labels: &[Label], value: Option<f64>) {
     if let Some(value) = value.filter(|value| value.is_finite()) {
         gauge!(name, labels.to_vec()).set(value);
     }
+}
+
+fn meters(um: f64) -> f64 {
+    um / 1e6
+}
+
+fn count(of: usize) -> f64 {
+    f64::from(u32::try_from(of).unwrap_or(u32::MAX))
 }
 
 fn flag(is: bool) -> f64 {

@@ -222,10 +222,8 @@ impl Status {
             why => format!("{kind} {name}: {state}: {why}"),
         };
         let devices = self.devices.iter().filter(|device| device.state != "ok");
-        // An axis without a model is not meant to be held yet, nor is one that a person keeps off.
-        let is_meant = |axis: &&AxisStatus| axis.has_model && !axis.left_off;
         let is_held = |axis: &AxisStatus| matches!(axis.state, "active" | "degraded");
-        let axes = self.axes.iter().filter(is_meant).filter(|axis| !is_held(axis));
+        let axes = self.axes.iter().filter(|axis| axis.is_wanted()).filter(|axis| !is_held(axis));
         let mut missing: Vec<String> = devices
             .map(|device| sentence("device", &device.name, device.state, &device.fault))
             .chain(axes.map(|axis| sentence("axis", &axis.name, axis.state, &axis.why)))
@@ -238,6 +236,11 @@ impl Status {
 }
 
 impl AxisStatus {
+    /// It is to compensate: one without a model is not yet, nor is one that a person keeps off.
+    pub fn is_wanted(&self) -> bool {
+        self.has_model && !self.left_off
+    }
+
     /// The word for its state that people see.
     pub fn display(&self) -> &'static str {
         match self.state {
@@ -248,7 +251,16 @@ impl AxisStatus {
     }
 }
 
+impl DeviceStatus {
+    /// Every word for who is to blame for a request that failed.
+    pub const BLAMES: [&'static str; 5] = ["caller", "link", "peer", "exception", "timeout"];
+}
+
 impl OutputStatus {
+    /// Every word for its state.
+    pub const STATES: [&'static str; 6] =
+        ["off", "unknown", "verified", "unverified", "interlocked", "foreign"];
+
     /// The unit of its value.
     pub fn unit(&self) -> &'static str {
         OutputStatus::unit_of(self.writes)

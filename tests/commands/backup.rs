@@ -106,26 +106,36 @@ fn a_restore_over_a_newer_state_or_a_newer_profile_is_refused_and_nothing_is_wri
 fn a_token_is_in_a_backup_only_with_secrets_and_then_nobody_else_may_read_it() {
     let mut bench = named("secret");
     stop(&mut bench);
-    let token = bench.home.path().join("operator.token");
-    let (code, told) = said(isotherm(bench.home.path()).args(["token", "--out"]).arg(&token));
-    assert_eq!(code, 0, "{told}");
+    let tokens = ["operator.token", "scrape.token"].map(|name| bench.home.path().join(name));
+    for token in &tokens {
+        let (code, told) = said(isotherm(bench.home.path()).args(["token", "--out"]).arg(token));
+        assert_eq!(code, 0, "{told}");
+    }
     let text = std::fs::read_to_string(&bench.profile).unwrap();
-    let text = text.replace("commands = \"local\"", "token_file = \"operator.token\"");
+    let text = text.replace(
+        "commands = \"local\"",
+        "token_file = \"operator.token\"\nscrape_token_file = \"scrape.token\"",
+    );
     std::fs::write(&bench.profile, text).unwrap();
-    let secret = std::fs::read(&token).unwrap();
-    let holds = |file: &Path| std::fs::read(file).unwrap().windows(secret.len()).any(|part| part == secret);
+    let secrets = tokens.map(|token| std::fs::read(token).unwrap());
+    let holds = |file: &Path| {
+        let bytes = std::fs::read(file).unwrap();
+        secrets.each_ref().map(|secret| bytes.windows(secret.len()).any(|part| part == secret))
+    };
     let mode = |file: &Path| std::fs::metadata(file).unwrap().permissions().mode() & 0o777;
 
     let without = backup(&bench, "without.tar", &[]);
-    assert!(!holds(&without));
+    assert_eq!(holds(&without), [false; 2]);
     let with = backup(&bench, "with.tar", &["--secrets"]);
-    assert!(holds(&with));
+    assert_eq!(holds(&with), [true; 2]);
     assert_eq!((mode(&without), mode(&with)), (0o640, 0o600));
 
     let elsewhere = bench.home.path().join("elsewhere");
     let (code, told) = restore(&bench, &with, &elsewhere, &elsewhere.join("state"));
     assert_eq!(code, 0, "{told}");
-    assert_eq!(mode(&elsewhere.join("operator.token")), 0o600);
+    for name in ["operator.token", "scrape.token"] {
+        assert_eq!(mode(&elsewhere.join(name)), 0o600, "{name}");
+    }
     let (code, told) = bench.ask(&["backup", with.to_str().unwrap()]);
     assert!(
         code == 1 && told.contains("is there already: give another name"),

@@ -57,8 +57,7 @@ fn looked_at_from(hour: i8, view: &str, words: &[&str]) -> String {
         let gateway = Gateway::new(machine.serving(profile), &clock, Options::default());
         let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("http://{}", listener.local_addr().unwrap());
-        let admission =
-            Admission { viewer: None, operator: None, commands: Commands::Local, hosts: Vec::new() };
+        let admission = Admission { commands: Commands::Local, ..Admission::default() };
         tokio::spawn(serve(listener, gateway.source(), admission, std::future::pending()));
         let (view, words) =
             (view.to_owned(), words.iter().map(|word| (*word).to_owned()).collect::<Vec<String>>());

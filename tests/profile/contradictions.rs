@@ -188,7 +188,7 @@ fn a_page_for_the_network_wants_a_token() {
     );
     refused("listen = \"127.0.0.1:0\"", "listen = \"8080\"", "web.listen", "\"8080\"", &["host and port"]);
     assert!(with("listen = \"127.0.0.1:0\"", "listen = \"[::1]:8080\"").is_ok());
-    for key in ["token_file", "viewer_token_file"] {
+    for key in ["token_file", "viewer_token_file", "scrape_token_file"] {
         let key = format!("listen = \"0.0.0.0:80\"\nplain = true\n{key} = \"/etc/token\"");
         assert!(with("listen = \"127.0.0.1:0\"", &key).is_ok());
     }
@@ -199,6 +199,15 @@ fn a_page_for_the_network_wants_a_token() {
         "\"/etc/token\"",
         &["whoever looks could command"],
     );
+    for (other, whose) in [("token_file", "operator's"), ("viewer_token_file", "viewer's")] {
+        refused(
+            "listen = \"127.0.0.1:0\"",
+            &format!("{other} = \"/etc/token\"\nscrape_token_file = \"/etc/token\""),
+            "web.scrape_token_file",
+            "\"/etc/token\"",
+            &[whose, "/metrics alone"],
+        );
+    }
 }
 
 #[test]

@@ -20,8 +20,12 @@ const TIMES: Times = Times {
 };
 pub(crate) const OPERATOR: &str = "commands-and-more-than-that";
 pub(crate) const VIEWER: &str = "looks-and-no-more-than-that";
+pub(crate) const SCRAPER: &str = "collects-figures-and-no-more";
 /// What the profile says of both tokens.
 pub(crate) const BOTH: &str = "token_file = \"operator.token\"\nviewer_token_file = \"viewer.token\"\n";
+
+/// And of that of whoever collects figures.
+pub(crate) const SCRAPES: &str = "scrape_token_file = \"scrape.token\"\n";
 
 pub(crate) struct Site {
     /// Looked at before anything ends: whatever a test does here, the machine is held on time.
@@ -74,7 +78,10 @@ impl Site {
         let text = profile(device.address(), TIMES).replace("100ms", "5ms");
         let text = format!("{}\n[web]\nlisten = \"{listen}:0\"\n{web}", change(text));
         let profile = file(home.path(), "walker.toml", &text);
-        for (name, token) in [("operator.token", OPERATOR), ("viewer.token", VIEWER)] {
+        let scrapes = web.contains(SCRAPES).then_some(("scrape.token", SCRAPER));
+        for (name, token) in
+            [("operator.token", OPERATOR), ("viewer.token", VIEWER)].into_iter().chain(scrapes)
+        {
             let path = file(home.path(), name, &format!("{token}\n"));
             std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o600)).unwrap();
         }

@@ -3,7 +3,7 @@
 use std::os::unix::fs::PermissionsExt;
 
 use crate::process::{isotherm, until};
-use crate::site::{BOTH, OPERATOR, Site, VIEWER, bearer};
+use crate::site::{BOTH, OPERATOR, SCRAPER, SCRAPES, Site, VIEWER, bearer};
 
 /// Everything that changes something.
 const COMMANDS: [(&str, &str, &str); 12] = [
@@ -104,6 +104,53 @@ fn whoever_has_the_viewers_token_looks_at_everything_and_commands_nothing() {
     assert!(page.contains("data-may=\"false\"") && page.contains("href=\"/login\""), "{page}");
     assert!(site.get("/", &commands).body.contains("data-may=\"true\""));
     assert_eq!(site.post("/api/arm", &commands).code, 200);
+}
+
+#[test]
+fn whoever_has_the_scrapers_token_reads_the_metrics_and_nothing_else_not_even_by_signing_in() {
+    let site = Site::with(&format!("{BOTH}{SCRAPES}"));
+    site.is_known();
+    let scrapes = bearer(SCRAPER);
+    let metrics = site.get("/metrics", &scrapes);
+    assert!(metrics.code == 200 && metrics.body.contains("isotherm_axis_cz_meters{"), "{metrics:?}");
+    assert_eq!(site.get("/metrics", "").code, 401);
+    for path in [
+        "/",
+        "/page/main.js",
+        "/api/status",
+        "/api/live",
+        "/api/events",
+        "/api/history",
+        "/readyz",
+        "/metrics/",
+    ] {
+        let refused = site.get(path, &scrapes);
+        let answer = refused.json()["answer"].as_str().unwrap().to_owned();
+        assert!(
+            refused.code == 403 && answer.contains("may read /metrics, and nothing else"),
+            "{path} {refused:?}"
+        );
+    }
+    for (method, path, body) in COMMANDS.into_iter().chain([("POST", "/metrics", "")]) {
+        assert_eq!(site.send(method, path, &scrapes, body).code, 403, "{path}");
+    }
+    let own = format!("Origin: http://{}\r\n", site.address);
+    let entered = site.send("POST", "/login", &own, &format!("token={SCRAPER}"));
+    assert_eq!((entered.code, entered.header("set-cookie")), (403, ""), "{entered:?}");
+    assert_eq!(site.status()["axes"][0]["armed"], false);
+    let counted = site.get("/metrics", &scrapes).body;
+    let only = counted.lines().find(|line| line.contains("why=\"only-scrapes\"")).unwrap();
+    assert!(only.rsplit(' ').next().unwrap().parse::<u32>().unwrap() >= 9, "{only}");
+
+    // Beyond this computer it is enough to collect figures; nobody looks with it.
+    let site = Site::at("0.0.0.0", &format!("plain = true\n{SCRAPES}"), |text| text);
+    assert_eq!((site.get("/metrics", &scrapes).code, site.get("/api/status", &scrapes).code), (200, 403));
+    let from = elsewhere();
+    for (headers, code) in [("", 401), (scrapes.as_str(), 200)] {
+        assert_eq!(site.send_from(&from, "GET", "/metrics", headers, "").code, code, "{headers}");
+    }
+    assert_eq!(site.send_from(&from, "GET", "/api/status", &scrapes, "").code, 403);
+    assert_eq!(site.send_from(&from, "GET", "/login", "", "").code, 303, "there is nothing to sign in with");
 }
 
 #[test]

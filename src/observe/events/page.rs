@@ -43,12 +43,12 @@ impl PagePort {
 pub enum PageToken {
     /// It holds another one.
     Changed {
-        /// Whose: viewer, operator.
+        /// Whose: scraper, viewer, operator.
         role: &'static str,
     },
     /// There is none to be had.
     Gone {
-        /// Whose: viewer, operator.
+        /// Whose: scraper, viewer, operator.
         role: &'static str,
         /// A sentence.
         why: String,

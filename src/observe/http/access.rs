@@ -4,6 +4,7 @@
 //! |---|---|---|
 //! | brings the operator's token, or has signed in with it | everything | yes; signed in only from our own page |
 //! | brings the viewer's token, or has signed in with it | everything | no |
+//! | brings the scraper's token | `/metrics` | no |
 //! | is on this computer | where there is no viewer's token | where the profile says `commands = "local"`, and only from our own page |
 //! | anybody else | `/healthz`, and the page to sign in | no |
 //!
@@ -37,6 +38,8 @@ use crate::observe::status::Command;
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// Of them the page to sign in is made.
 const FOR_EVERYBODY: [&str; 4] = ["/healthz", "/login", "/page/login.css", "/page/icon.svg"];
+/// All that whoever collects figures may see.
+const FOR_SCRAPERS: &str = "/metrics";
 pub(super) const LOGOUT: &str = "/api/logout";
 
 /// Who asks, as far as the door knows him.
@@ -134,7 +137,7 @@ impl Access {
             hosts: admission.hosts,
             listens_at,
             is_secure,
-            tokens: Tokens::new(admission.viewer, admission.operator),
+            tokens: Tokens::new([admission.scraper, admission.viewer, admission.operator]),
             visits: Mutex::default(),
             refusals: Mutex::default(),
             refused: Counts::default(),
@@ -169,7 +172,7 @@ impl Access {
 
     /// Whether there is anything to sign in with.
     pub(super) fn has_tokens(&self) -> bool {
-        self.tokens.any()
+        self.tokens.has(Role::Viewer) || self.tokens.has(Role::Operator)
     }
 
     /// Whether he still may what he might: his token is the same, his visit is open. To look on is what a viewer uses his for.
@@ -242,6 +245,9 @@ impl Access {
                 () => Refusal::NotFromHere,
             });
         };
+        if pass.role == Role::Scraper && (changes || request.uri().path() != FOR_SCRAPERS) {
+            return Err(Refusal::OnlyScrapes);
+        }
         if !changes {
             return Ok(pass);
         }

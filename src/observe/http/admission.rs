@@ -7,6 +7,8 @@ use super::tokens::TokenFile;
 /// Who may look and who may command.
 #[derive(Debug, Default)]
 pub struct Admission {
+    /// Of those who collect the metrics, and see nothing else.
+    pub scraper: Option<TokenFile>,
     /// Of those who look.
     pub viewer: Option<TokenFile>,
     /// Of those who command.
@@ -24,22 +26,25 @@ impl Admission {
     /// A sentence with a token file and what to do.
     pub fn of(web: &Web) -> Result<Admission, String> {
         let read = |path: &Option<_>| path.as_deref().map(TokenFile::read).transpose();
+        let scraper = read(&web.scrape_token_file)?;
         let (viewer, operator) = (read(&web.viewer_token_file)?, read(&web.token_file)?);
-        if viewer
-            .as_ref()
-            .zip(operator.as_ref())
-            .is_some_and(|(viewer, operator)| viewer.is_same_as(operator))
-        {
-            return Err(
-                "the viewer's token is the operator's: make another one with isotherm token".to_owned()
-            );
+        for (one, whose, other, of_whom) in [
+            (&viewer, "viewer's", &operator, "operator's"),
+            (&scraper, "scraper's", &operator, "operator's"),
+            (&scraper, "scraper's", &viewer, "viewer's"),
+        ] {
+            if one.as_ref().zip(other.as_ref()).is_some_and(|(one, other)| one.is_same_as(other)) {
+                return Err(format!(
+                    "the {whose} token is the {of_whom}: make another one with isotherm token"
+                ));
+            }
         }
         let (commands, hosts) = (web.commands, web.hosts.clone());
-        Ok(Admission { viewer, operator, commands, hosts })
+        Ok(Admission { scraper, viewer, operator, commands, hosts })
     }
 
     /// Somebody on another computer can be told from the others.
     pub fn has_token(&self) -> bool {
-        self.viewer.is_some() || self.operator.is_some()
+        [&self.scraper, &self.viewer, &self.operator].into_iter().any(Option::is_some)
     }
 }

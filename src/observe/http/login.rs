@@ -10,6 +10,7 @@ use axum::response::{Html, IntoResponse, Json, Redirect, Response};
 
 use super::peer::Peer;
 use super::refusal::Refusal;
+use super::tokens::Role;
 use super::{Room, Said, parameter, words};
 use crate::observe::page::{self, Words};
 
@@ -85,6 +86,7 @@ pub(super) async fn begin(
     // A form writes a blank as +.
     let token = parameter(&form.replace('+', "%20"), "token").unwrap_or_default();
     let shown = match room.access.shown(token.trim(), peer.ip()) {
+        Ok((Role::Scraper, _)) => return refused(Refusal::OnlyScrapes, &form),
         Ok(shown) => shown,
         Err(refusal) => return refused(refusal, &form),
     };

@@ -19,6 +19,8 @@ pub(super) enum Refusal {
     TooManyWrong(Duration),
     /// He may look.
     OnlyLooks,
+    /// He may read the metrics.
+    OnlyScrapes,
     /// Nobody may command over HTTP.
     NoOperator,
     StrangeHost,
@@ -27,11 +29,12 @@ pub(super) enum Refusal {
 }
 
 /// Each reason for the counter; `too-often` is of commands that came too soon after another.
-const WHYS: [&str; 9] = [
+const WHYS: [&str; 10] = [
     "no-token",
     "wrong-token",
     "too-many-wrong",
     "only-looks",
+    "only-scrapes",
     "no-operator",
     "host",
     "origin",
@@ -63,6 +66,7 @@ impl Refusal {
             Refusal::WrongToken => "wrong-token",
             Refusal::TooManyWrong(_) => "too-many-wrong",
             Refusal::OnlyLooks => "only-looks",
+            Refusal::OnlyScrapes => "only-scrapes",
             Refusal::NoOperator => "no-operator",
             Refusal::StrangeHost => "host",
             Refusal::StrangeOrigin => "origin",
@@ -89,6 +93,9 @@ impl Refusal {
                 );
             }
             Refusal::OnlyLooks => "This is the viewer's token: it may look. Commands want the operator's.",
+            Refusal::OnlyScrapes => {
+                "This is the token for scraping: it may read /metrics, and nothing else. Looking wants the viewer's."
+            }
             Refusal::NoOperator => {
                 "No command is taken here without a token. These two lines make one: isotherm token --out \
                  /etc/isotherm/operator.token (mode 0600), and token_file = \"/etc/isotherm/operator.token\" below [web] in \
@@ -112,9 +119,11 @@ impl Refusal {
             Refusal::NoToken | Refusal::WrongToken => StatusCode::UNAUTHORIZED,
             Refusal::TooManyWrong(_) => StatusCode::TOO_MANY_REQUESTS,
             Refusal::StrangeHost => StatusCode::MISDIRECTED_REQUEST,
-            Refusal::OnlyLooks | Refusal::NoOperator | Refusal::StrangeOrigin | Refusal::NotFromHere => {
-                StatusCode::FORBIDDEN
-            }
+            Refusal::OnlyLooks
+            | Refusal::OnlyScrapes
+            | Refusal::NoOperator
+            | Refusal::StrangeOrigin
+            | Refusal::NotFromHere => StatusCode::FORBIDDEN,
         }
     }
 

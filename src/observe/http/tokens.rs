@@ -1,4 +1,4 @@
-//! The tokens of those who look and of those who command: each in a file of its own, read anew when the file changes.
+//! The tokens of those who collect figures, who look and who command: each in a file of its own, read anew when it changes.
 //!
 //! A token that is no longer in its file is no longer one. Neither is one whose file others may read, or cannot be read.
 
@@ -25,6 +25,8 @@ const OTHERS: u32 = 0o007;
 /// What somebody may who has shown who he is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Role {
+    /// Metrics alone.
+    Scraper,
     /// Page, API and metrics.
     Viewer,
     /// Commands too.
@@ -32,11 +34,12 @@ pub(super) enum Role {
 }
 
 impl Role {
-    /// Who may less comes first: a token that is both is a viewer's.
-    const ALL: [Role; 2] = [Role::Viewer, Role::Operator];
+    /// Who may less comes first: a token that is a viewer's and an operator's is a viewer's.
+    const ALL: [Role; 3] = [Role::Scraper, Role::Viewer, Role::Operator];
 
     pub(super) fn name(self) -> &'static str {
         match self {
+            Role::Scraper => "scraper",
             Role::Viewer => "viewer",
             Role::Operator => "operator",
         }
@@ -182,12 +185,13 @@ pub(super) enum Change {
     Gone(String),
 }
 
-/// Both, while they are looked at.
-pub(super) struct Tokens(Mutex<[Option<TokenFile>; 2]>);
+/// All of them, while they are looked at.
+pub(super) struct Tokens(Mutex<[Option<TokenFile>; 3]>);
 
 impl Tokens {
-    pub(super) fn new(viewer: Option<TokenFile>, operator: Option<TokenFile>) -> Tokens {
-        Tokens(Mutex::new([viewer, operator]))
+    /// In the order of [`Role::ALL`].
+    pub(super) fn new(files: [Option<TokenFile>; 3]) -> Tokens {
+        Tokens(Mutex::new(files))
     }
 
     /// There is a file for it, whatever it holds now.
@@ -233,15 +237,16 @@ impl Tokens {
         Role::ALL.into_iter().filter_map(look).collect()
     }
 
-    fn files(&self) -> MutexGuard<'_, [Option<TokenFile>; 2]> {
+    fn files(&self) -> MutexGuard<'_, [Option<TokenFile>; 3]> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 fn place(role: Role) -> usize {
     match role {
-        Role::Viewer => 0,
-        Role::Operator => 1,
+        Role::Scraper => 0,
+        Role::Viewer => 1,
+        Role::Operator => 2,
     }
 }
 
@@ -301,7 +306,7 @@ mod tests {
         write(&looks, "looks-and-no-more", 0o600);
         write(&commands, "commands-and-more", 0o600);
         let file = |path| Some(TokenFile::read(path).unwrap());
-        let tokens = Tokens::new(file(&looks), file(&commands));
+        let tokens = Tokens::new([None, file(&looks), file(&commands)]);
         assert_eq!(tokens.look(), []);
         assert_eq!(tokens.role_of("looks-and-no-more"), Some((Role::Viewer, 0)));
         assert_eq!(tokens.role_of("commands-and-more"), Some((Role::Operator, 0)));

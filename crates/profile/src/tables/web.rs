@@ -25,6 +25,8 @@ pub(crate) struct RawWeb {
     /// A file with the token of those who may look: page, API, metrics. Without it looking is open on loopback, and wants the
     /// operator's token from elsewhere.
     viewer_token_file: Option<String>,
+    /// A file with the token of what collects the metrics, as Prometheus: it reads /metrics, and nothing else.
+    scrape_token_file: Option<String>,
     /// Who may command through page and API: "token", whoever has the operator's token (the default); "local", everybody on
     /// this computer too.
     commands: Option<Commands>,
@@ -100,6 +102,8 @@ pub struct Web {
     pub plain: bool,
     /// A file with the token of those who only look.
     pub viewer_token_file: Option<PathBuf>,
+    /// A file with the token of what reads the metrics and nothing else.
+    pub scrape_token_file: Option<PathBuf>,
     /// Who may command.
     pub commands: Commands,
     /// Names of the page, besides localhost and its addresses.
@@ -124,7 +128,8 @@ pub const PLAIN: &str = "whoever listens on that network reads the token: give `
 impl RawWeb {
     pub(super) fn resolve(&self, at: &At<'_>) -> Web {
         let listen = self.listen.clone().unwrap_or_else(|| "127.0.0.1:8080".to_owned());
-        let has_token = at.key("token_file").is_written() || at.key("viewer_token_file").is_written();
+        let tokens = ["token_file", "viewer_token_file", "scrape_token_file"];
+        let has_token = tokens.iter().any(|key| at.key(key).is_written());
         match host_of(&listen) {
             None => {
                 let help = "write host and port, as \"127.0.0.1:8080\"; port 0 takes any free one";
@@ -150,6 +155,7 @@ impl RawWeb {
             listen,
             token_file: file(&self.token_file),
             viewer_token_file: file(&self.viewer_token_file),
+            scrape_token_file: file(&self.scrape_token_file),
             commands: self.commands.unwrap_or_default(),
             hosts: self.hosts.clone(),
             tls: self.tls.as_ref().and_then(|tls| tls.resolve(&at.key("tls"))),
@@ -170,6 +176,12 @@ impl RawWeb {
         if self.token_file.is_some() && self.token_file == self.viewer_token_file {
             let help = "give each its own file: whoever looks could command";
             at.key("viewer_token_file").wrong("it is the operator's token file", help);
+        }
+        for (other, whose) in [(&self.token_file, "operator's"), (&self.viewer_token_file, "viewer's")] {
+            if self.scrape_token_file.is_some() && self.scrape_token_file == *other {
+                let help = "give each its own file: what collects figures is to read /metrics alone";
+                at.key("scrape_token_file").wrong(format!("it is the {whose} token file"), help);
+            }
         }
         if self.commands == Some(Commands::Local) {
             let help = "leave it out, and give `token_file`: a file that `isotherm token --out FILE` makes. What comes over `ssh -L`, \
