@@ -34,6 +34,7 @@ mod logs;
 mod machines;
 mod man;
 mod measured;
+mod notices;
 #[cfg(feature = "opcua")]
 mod opcua;
 #[cfg(feature = "place")]

@@ -18,7 +18,7 @@ use crate::clock::{Clock, Sleeper};
 use crate::fieldbus::connection::Dial;
 use crate::fieldbus::dial;
 use crate::fieldbus::line::DeviceLine;
-use crate::observe::events::{Event, Journal, file};
+use crate::observe::events::{Event, EventListener, Journal, file};
 use crate::observe::status::Source;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{AxisId, Bus, BusId, OnStop, Output, Profile};
@@ -125,6 +125,8 @@ pub struct Options {
     /// Readings are as old as their answers: only to show what the rule is for that they are as old as the questions.
     #[doc(hidden)]
     pub is_credulous: bool,
+    /// Who hears of every event, from the first on.
+    pub listener: Option<EventListener>,
     /// What the program before this one in the same process has handed over.
     pub handover: Option<Handover>,
     /// Called where a stuck gateway cannot even stop.
@@ -142,6 +144,7 @@ impl Default for Options {
             watch: None,
             pace: None,
             is_credulous: false,
+            listener: None,
             handover: None,
             give_up: Arc::new(|| {}),
         }
@@ -189,7 +192,7 @@ impl Gateway {
             profile.axes.iter_mut().for_each(|axis| axis.settings.every = axes);
         }
         let profile = Arc::new(profile);
-        let journal = Arc::new(Journal::by(clock));
+        let journal = Arc::new(Journal::by(clock).heard_by(options.listener.clone()));
         if let Some(directory) = options.directory.as_deref().filter(|_| options.has_threads) {
             journal.recall(file::last(directory, &profile.name, RECALLED));
         }

@@ -4,6 +4,7 @@ pub mod asker;
 pub mod events;
 pub mod http;
 mod metrics;
+pub mod notify;
 mod page;
 mod past;
 pub mod status;

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::certificate::Certificate;
+use super::notices::{self, Looked};
 use super::run::known_directory;
 use super::{ProfileArguments, gauge, load_quietly, print_json, warned};
 use crate::cli::say::{say, say_all, say_beside};
@@ -26,7 +27,8 @@ use isotherm_profile::preview::{self, Preview};
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// Ask the devices as well: reads every signal and every output register once, writes nothing
+    /// Ask the devices as well: reads every signal and every output register once, writes nothing; connects to the servers of
+    /// [[notify]] and posts nothing
     #[arg(long)]
     online: bool,
     /// The state directory that the gateway is started with, for what a template was in its last run
@@ -65,9 +67,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let pairs = super::runtime()?.block_on(pipeline::tried(&profile));
     #[cfg(feature = "opcua")]
     let nodes = super::runtime()?.block_on(opcua::inspect(&profile));
+    let servers = super::runtime()?.block_on(notices::look(&profile));
     let status = gauge::once(profile)?;
     if arguments.json {
-        let document = serde_json::json!({ "profile": preview, "online": status, "can": lines, "pipeline": pairs, "sensors": sensors });
+        let document = serde_json::json!({
+            "profile": preview, "online": status, "can": lines, "pipeline": pairs, "sensors": sensors, "notify": servers,
+        });
         #[cfg(feature = "opcua")]
         let document = with(document, "nodes", &nodes)?;
         print_json(&document)?;
@@ -91,6 +96,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         #[cfg(feature = "opcua")]
         nodes.iter().try_for_each(tell)?;
+        servers.iter().try_for_each(|looked| say!("{}", looked.line()))?;
         say_all!("{}{}", gauge::signals(&status), gauge::fieldbus(&status))?;
     }
     #[cfg(feature = "opcua")]
@@ -100,6 +106,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         anyhow::bail!("{} at sensor {}: {advice}", sensor.of, sensor.sensor);
     }
     gauge::judge(&status)?;
+    Looked::judge(&servers)?;
     let unfit = pairs.iter().find(|tried| tried.fault.is_some());
     let unfit = unfit.map(|tried| format!("device {} does not bear two questions at a time", tried.device));
     unfit.map_or(Ok(()), |unfit| Err(anyhow::anyhow!("{unfit}: remove `pipeline` from its bus")))
@@ -161,6 +168,7 @@ fn unlike_run(profile: &Profile, state: Option<&Path>) -> Vec<String> {
     let certificate = files.and_then(|files| Certificate::open(files).err());
     let certificate = certificate.map(|why| format!("{why:#}: the gateway does not start without it"));
     let all = tokens.into_iter().chain(certificate).chain(socket).chain(changed);
+    let all = all.chain(notices::hindered(profile));
     #[cfg(feature = "opcua")]
     let all = all.chain(expiring(profile));
     all.collect()

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 
+use super::notices;
 use super::port::Port;
 use super::services::Sockets;
 use super::signals::Signals;
@@ -14,6 +15,7 @@ use crate::cli::say::say;
 use crate::clock::Clock;
 use crate::gateway::control;
 use crate::gateway::{CHECK_ONLY, Gateway, HANDOVER, Handover, Options, Program, make_directory, may_start};
+use crate::observe::notify::{Outboxes, Rules};
 use isotherm_profile::{DeviceId, Profile, Web, plan};
 
 /// What the log still has to say when the program gives up.
@@ -74,8 +76,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
             "state and ledger in {directory} lie in {place}: keep them in a directory or a named volume of the host"
         );
     }
+    let outboxes = Outboxes::of(&profile, arguments.dry_run);
     let options = Options {
         dry_run: arguments.dry_run,
+        listener: outboxes.listener(),
         directory: Some(directory.clone()),
         give_up: Arc::new(|| {
             std::thread::sleep(LAST_WORDS);
@@ -112,8 +116,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         let socket = control::path(&directory, &profile.name);
         let gateway = Gateway::new(profile, &Clock::wall(), options);
         sockets.successor = program.as_ref().ok().map(|program| gateway.successor(program.clone(), socket));
-        let _services = sockets.serve(&gateway.source(), gateway.wire_log(), lines)?;
-        anyhow::Ok(gateway.run(after(1), after(2)).await)
+        let source = gateway.source();
+        let _services = sockets.serve(&source, gateway.wire_log(), lines)?;
+        let posting = outboxes.posted(&source, Rules::default(), notices::trust)?;
+        let outcome = gateway.run(after(1), after(2)).await;
+        if let Some(posting) = posting {
+            posting.finish(after(2)).await;
+        }
+        anyhow::Ok(outcome)
     })?;
     anyhow::ensure!(!outcome.failed, "something failed inside (see above); {}", outcome.left);
     anyhow::ensure!(

@@ -11,10 +11,12 @@ use super::error::{Fault, LinkFault, TlsFault};
 mod client;
 mod pem;
 mod server;
+mod visitor;
 
 pub(super) use client::Client;
 pub use client::check;
 pub use server::{Wrong, server};
+pub use visitor::visitor;
 
 /// Controllers without a processor for it take a second or two for the two signatures of a handshake.
 pub(super) const HANDSHAKE: Duration = Duration::from_secs(5);

@@ -19,6 +19,7 @@ mod alarms;
 #[cfg(feature = "opcua")]
 mod certificate;
 mod data;
+mod delivery;
 pub mod file;
 mod handshake;
 mod journal;
@@ -26,11 +27,12 @@ mod page;
 mod sentences;
 mod stand_in;
 
-pub use alarms::{Alarm, Seen};
+pub use alarms::{Alarm, Change, Seen};
 #[cfg(feature = "opcua")]
 pub use certificate::{Expiry, Whose};
+pub use delivery::Delivery;
 pub use handshake::HandshakeFault;
-pub use journal::{Entry, Journal};
+pub use journal::{Entry, EventListener, Happened, Journal};
 pub use page::{PagePort, PageToken};
 pub use stand_in::StandIn;
 pub(crate) use stand_in::others;
@@ -291,6 +293,8 @@ pub enum Event {
     Page(PagePort),
     /// A token of the page is another one, or none.
     Token(PageToken),
+    /// Whether messages to a server of `[[notify]]` arrive.
+    Delivery(Delivery),
     /// A certificate of an OPC UA line expires soon, or has.
     #[cfg(feature = "opcua")]
     Certificate(Expiry),

@@ -18,6 +18,7 @@ mod load;
 mod mistakes;
 mod models;
 mod not_built;
+mod notify;
 mod opcua;
 mod probe;
 mod seals;

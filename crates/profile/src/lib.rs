@@ -46,7 +46,7 @@ pub use tables::axis::model::seals::sha256;
 pub use tables::axis::probe::ProbeInput;
 pub use tables::bus::opcua::{NamedFile, OpcUa, Security, User, server_url};
 pub use tables::bus::serial::{Parity, Serial};
-pub use tables::bus::tls::{TLS_PORT, Tls};
+pub use tables::bus::tls::{PemFile, TLS_PORT, Tls};
 pub use tables::bus::{Bus, Sync, Transport};
 pub use tables::device::Device;
 pub use tables::device::emergency::Emergency;
@@ -58,6 +58,8 @@ pub use tables::heartbeat::Heartbeat;
 pub use tables::history::History;
 pub use tables::label::labelled;
 pub use tables::machine::{Arm, OnStop};
+pub use tables::notify::url::Url;
+pub use tables::notify::{ALARM, ALARM_OVER, AXIS_OFF, Notify, TRIGGERS};
 pub use tables::opcua::{ReadBy, SourceTime};
 pub use tables::output::Output;
 pub use tables::output::applied::Applied;
@@ -133,6 +135,8 @@ pub struct Profile {
     pub heartbeat: Option<Heartbeat>,
     /// Page, API, metrics.
     pub web: Option<Web>,
+    /// Where what happens is posted.
+    pub notify: Vec<Notify>,
     /// Where state and logs are kept.
     pub history: History,
     /// What layers above the file have set.

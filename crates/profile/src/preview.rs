@@ -88,6 +88,11 @@ impl Preview {
         if profile.outputs.is_empty() && captures.is_empty() && profile.heartbeat.is_none() {
             section.line("  nothing");
         }
+        if !profile.notify.is_empty() {
+            section.line("");
+            section.line("posts");
+        }
+        section.parts("notify", profile.notify.iter().map(|notify| notify.preview()));
         section.line("");
         section.part("stop", Some(stop::preview(profile)));
         Preview(section)

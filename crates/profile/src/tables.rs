@@ -28,6 +28,7 @@ use isotherm_core::compensation::settings::MachineSettings;
 use isotherm_core::reading::SignalId;
 use machine::RawMachine;
 use mqtt::RawMqtt;
+use notify::RawNotify;
 use output::{Output, RawOutput};
 use set::{OutputSet, RawSet};
 use signal::{RawSignal, Signal};
@@ -48,6 +49,7 @@ mod line_time;
 mod loose_ends;
 pub(crate) mod machine;
 mod mqtt;
+pub(crate) mod notify;
 pub(crate) mod opcua;
 pub(crate) mod output;
 pub(crate) mod quirks;
@@ -98,6 +100,9 @@ pub(crate) struct RawProfile {
     web: Option<RawWeb>,
     /// Publishing to a broker.
     mqtt: Option<RawMqtt>,
+    /// Where what happens is posted.
+    #[serde(default)]
+    notify: Vec<RawNotify>,
     /// State and logs.
     history: Option<RawHistory>,
 }
@@ -232,6 +237,7 @@ impl Check<'_> {
         set::resolve(self);
         let heartbeat = raw.heartbeat.as_ref().and_then(|raw| raw.resolve(&self.at("heartbeat")));
         let web = raw.web.as_ref().map(|raw| raw.resolve(&self.at("web")));
+        let notify = notify::resolve(&self.at("notify"), &raw.notify);
         let history = raw.history.as_ref().map(|raw| raw.resolve(&self.at("history"))).unwrap_or_default();
         if raw.mqtt.is_some() {
             mqtt::refuse(&self.at("mqtt"));
@@ -262,6 +268,7 @@ impl Check<'_> {
             sets: self.sets.whole()?,
             heartbeat,
             web,
+            notify,
             history,
             overridden: Vec::new(),
         };

@@ -18,7 +18,7 @@ use tokio_rustls::rustls::{
 };
 
 use super::pem::{certificates, private_key};
-use super::tls_fault;
+use super::{tls_fault, visitor};
 use crate::fieldbus::eager::Eager;
 use crate::fieldbus::error::{Fault, LinkFault, TlsFault};
 use crate::fieldbus::port::Port;
@@ -39,6 +39,8 @@ pub(in crate::fieldbus) struct Client {
 pub fn check(profile: &Profile) -> Result<(), Errors> {
     let secured = profile.buses.iter().filter_map(|bus| bus.tls.as_ref());
     let mut wrong: Vec<ProfileError> = secured.filter_map(|tls| Client::new(tls).err()).flatten().collect();
+    let authorities = profile.notify.iter().filter_map(|notify| notify.ca.as_ref());
+    wrong.extend(authorities.filter_map(|ca| Some(ca.wrong(&visitor(Some(&ca.bytes)).err()?))));
     wrong.sort_by_key(|error| (error.line, error.column));
     if wrong.is_empty() { Ok(()) } else { Err(Errors(wrong)) }
 }
@@ -158,13 +160,13 @@ fn config(
 /// Many devices come with a certificate that they have signed themselves, for a name that is not theirs in this plant.
 /// One that was put into the file, byte for byte, is known better than by its name; only its dates are still asked.
 #[derive(Debug)]
-struct Trust {
+pub(super) struct Trust {
     authorities: Arc<WebPkiServerVerifier>,
     known: Vec<CertificateDer<'static>>,
 }
 
 impl Trust {
-    fn new(known: &[CertificateDer<'static>]) -> Result<Trust, String> {
+    pub(super) fn new(known: &[CertificateDer<'static>]) -> Result<Trust, String> {
         let mut roots = RootCertStore::empty();
         for (place, certificate) in known.iter().enumerate() {
             let unreadable = |error| format!("certificate {} in it cannot be read: {error}", place + 1);

@@ -327,6 +327,7 @@ impl Event {
             Event::StandIn(found) => found.described(),
             Event::Page(port) => port.described(),
             Event::Token(token) => token.described(),
+            Event::Delivery(delivery) => delivery.described(),
             #[cfg(feature = "opcua")]
             Event::Certificate(expiry) => expiry.described(),
         }

@@ -111,6 +111,7 @@ pub(crate) fn profile() -> Profile {
             every: Duration::from_secs(1),
         }),
         web: None,
+        notify: Vec::new(),
         history: History { directory: None, keep: Duration::ZERO, max_size: u64::MAX },
         overridden: Vec::new(),
     }

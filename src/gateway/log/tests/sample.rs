@@ -115,6 +115,7 @@ pub(crate) fn profile() -> Profile {
         sets: Vec::new(),
         heartbeat: None,
         web: None,
+        notify: Vec::new(),
         history: History { directory: None, keep: Duration::from_secs(86_400), max_size: u64::MAX },
         overridden: Vec::new(),
     }
