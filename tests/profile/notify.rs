@@ -102,5 +102,5 @@ fn what_makes_no_sense_together_is_refused_or_warned_of() {
     assert!(many[0].message.contains("at most 16"), "{}", many[0]);
     let bare = errors(parse(&posts("[[notify]]\n")));
     let keys: Vec<&str> = bare.iter().map(|error| error.key.as_str()).collect();
-    assert_eq!(keys, ["notify[0].on", "notify[0].url"]);
+    assert_eq!(keys, ["notify[0].url", "notify[0].on"]);
 }
