@@ -59,7 +59,7 @@ pub use tables::history::History;
 pub use tables::label::labelled;
 pub use tables::machine::{Arm, OnStop};
 pub use tables::notify::url::Url;
-pub use tables::notify::{ALARM, ALARM_OVER, AXIS_OFF, Notify, TRIGGERS};
+pub use tables::notify::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, Notify, TRIGGERS, UNVERIFIED};
 pub use tables::opcua::{ReadBy, SourceTime};
 pub use tables::output::Output;
 pub use tables::output::applied::Applied;

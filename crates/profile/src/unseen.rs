@@ -41,7 +41,8 @@ fn escaped(text: &str, is_unwanted: impl Fn(char) -> bool) -> Cow<'_, str> {
     Cow::Owned(escaped)
 }
 
-/// The text, in which asterisks stand for user, password and query of every address (`https://…`): as many bytes as there were.
+/// The text, in which asterisks stand for user, password and query of every address (`https://…`), and where it is a web server's
+/// that stands alone between its quotes, for its path: as many bytes as there were.
 pub(crate) fn veiled(text: &str) -> Cow<'_, str> {
     const BEGIN: &str = "://";
     if !text.contains(BEGIN) {
@@ -55,8 +56,11 @@ pub(crate) fn veiled(text: &str) -> Cow<'_, str> {
         let is_end = |one: char| quote.map_or(one.is_whitespace(), |quote| one == quote);
         let (address, after) = behind.split_at(behind.find(is_end).unwrap_or(behind.len()));
         let (user, address) = address.split_at(address.rfind('@').unwrap_or(0));
-        let (address, query) = address.split_at(address.find('?').map_or(address.len(), |mark| mark + 1));
-        veiled.extend([before, BEGIN, &"*".repeat(user.len()), address, &"*".repeat(query.len())]);
+        let is_web = quote.is_some() && (before.ends_with("http") || before.ends_with("https"));
+        let ends = |one: char| one == '?' || (is_web && one == '/');
+        let (address, rest_of_it) =
+            address.split_at(address.find(ends).map_or(address.len(), |mark| mark + 1));
+        veiled.extend([before, BEGIN, &"*".repeat(user.len()), address, &"*".repeat(rest_of_it.len())]);
         rest = after;
     }
     veiled.push_str(rest);
@@ -71,12 +75,13 @@ mod tests {
     fn of_an_address_nobody_reads_who_asks_and_what_for() {
         for (text, shown) in [
             ("address = \"10.0.0.7:502\"", "address = \"10.0.0.7:502\""),
-            ("url = \"https://a:8443/b\"", "url = \"https://a:8443/b\""),
+            ("url = \"https://a:8443/b\"", "url = \"https://a:8443/*\""),
+            ("node = \"nsu=http://a/b;s=C\"", "node = \"nsu=http://a/b;s=C\""),
             (
                 "{ url = \"https://me:pä ss@a/b?key=1\", on = [] }",
-                "{ url = \"https://*********@a/b?*****\", on = [] }",
+                "{ url = \"https://*********@a/*******\", on = [] }",
             ),
-            ("see http://a/?k=v and 'x://u@b'", "see http://a/?*** and 'x://*@b'"),
+            ("see http://a/b?k=v and 'x://u@b/c'", "see http://a/b?*** and 'x://*@b/c'"),
             ("`https://a/b@c?d`", "`https://***@c?*`"),
             ("no end: https://u:p@", "no end: https://***@"),
         ] {

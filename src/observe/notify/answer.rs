@@ -7,14 +7,16 @@ use tokio::io::{AsyncRead, AsyncReadExt};
 use super::post::Failure;
 use isotherm_profile::Url;
 
-/// A head is no longer than this.
+/// All that is read of an answer.
 const LONGEST: usize = 16 * 1024;
+/// So it begins.
+const BEGIN: &[u8] = b"HTTP/1.";
 /// A server may ask for a longer pause than ours, and not for a longer one than this.
 const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
 
 /// Whether the server says that it has the message. What stands behind its head is not read.
 pub(super) async fn read(mut stream: impl AsyncRead + Unpin) -> Result<(), Failure> {
-    let mut bytes = Vec::with_capacity(1024);
+    let (mut bytes, mut all) = (Vec::with_capacity(1024), 0);
     loop {
         // A server may say before its answer that it is at work.
         while let Some((head, rest)) = head(&bytes) {
@@ -23,13 +25,12 @@ pub(super) async fn read(mut stream: impl AsyncRead + Unpin) -> Result<(), Failu
                 Judged::Taken => return Ok(()),
             }
         }
-        if bytes.len() > LONGEST {
+        if all > LONGEST || !BEGIN.starts_with(&bytes[..bytes.len().min(BEGIN.len())]) {
             return Err(Failure::NoHttp);
         }
         match stream.read_buf(&mut bytes).await {
             Ok(0) => return Err(Failure::Closed),
-            Ok(_) if !b"HTTP/1.".starts_with(&bytes[..bytes.len().min(7)]) => return Err(Failure::NoHttp),
-            Ok(_) => {}
+            Ok(count) => all += count,
             Err(error) => return Err(Failure::broken(&error)),
         }
     }
@@ -48,7 +49,7 @@ enum Judged {
 
 fn judged(head: &str) -> Result<Judged, Failure> {
     let mut lines = head.split("\r\n");
-    let status = lines.next().unwrap_or_default();
+    let status = lines.next().filter(|status| status.as_bytes().starts_with(BEGIN)).ok_or(Failure::NoHttp)?;
     let code = status.split(' ').nth(1).and_then(|code| code.parse::<u16>().ok());
     let code = code.filter(|code| (100..1000).contains(code)).ok_or(Failure::NoHttp)?;
     let headers: Vec<(&str, &str)> = lines.filter_map(|line| line.split_once(':')).collect();
@@ -96,14 +97,20 @@ mod tests {
         ] {
             assert_eq!(told(text).await, Err(Failure::Elsewhere(302, Some(place.to_owned()))));
         }
-        for text in
-            ["SSH-2.0-OpenSSH_9\r\n", "HTTP/2 200\r\n\r\n", "HTTP/1.1 abc\r\n\r\n", "HTTP/1.1 20\r\n\r\n"]
-        {
+        for text in [
+            "SSH-2.0-OpenSSH_9\r\n",
+            "HTTP/2 200\r\n\r\n",
+            "HTTP/1.1 abc\r\n\r\n",
+            "HTTP/1.1 20\r\n\r\n",
+            "HTTP/1.1 100 C\r\n\r\nSSH 200 OK\r\n\r\n",
+        ] {
             assert_eq!(told(text).await, Err(Failure::NoHttp), "{text}");
         }
         assert_eq!(told("").await, Err(Failure::Closed));
         assert_eq!(told("HTTP/1.1 200 OK\r\nA: b\r\n").await, Err(Failure::Closed));
         let endless = format!("HTTP/1.1 200 OK\r\nA: {}", "b".repeat(20_000));
         assert_eq!(told(&endless).await, Err(Failure::NoHttp));
+        let never = "HTTP/1.1 102 Processing\r\n\r\n".repeat(2000);
+        assert_eq!(told(&never).await, Err(Failure::NoHttp));
     }
 }

@@ -2,12 +2,15 @@
 
 use std::future::Future;
 use std::io::{self, ErrorKind};
+use std::net::{IpAddr, SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt};
 use tokio::net::TcpStream;
+use tokio::sync::Mutex;
+use tokio::task::JoinHandle;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::client::TlsStream;
 use tokio_rustls::rustls::pki_types::ServerName;
@@ -15,6 +18,9 @@ use tokio_rustls::rustls::{CertificateError, ClientConfig, Error};
 
 use super::{Trust, answer, token};
 use isotherm_profile::{Notify, Url};
+
+/// Of several addresses of a name each has this long, but the last: it has what is left.
+const EACH: Duration = Duration::from_secs(3);
 
 /// Who takes messages.
 pub trait Post {
@@ -84,6 +90,11 @@ impl Failure {
             if ![401, 403, 404, 407, 408, 409, 421, 423, 425, 429].contains(code))
     }
 
+    /// Nobody has said anything: to ask again takes as long again.
+    pub(super) fn is_silence(&self) -> bool {
+        matches!(self, Failure::Silent(_))
+    }
+
     /// How long the server wants to be left alone.
     pub(super) fn pause(&self) -> Option<Duration> {
         if let Failure::Answered(_, pause) = self { *pause } else { None }
@@ -138,6 +149,8 @@ pub struct Server {
     url: Url,
     token_file: Option<PathBuf>,
     trust: Option<Trust>,
+    /// A question for its name that has not been answered yet: there is never more than one, however often that hangs.
+    lookup: Mutex<Option<JoinHandle<io::Result<Vec<SocketAddr>>>>>,
 }
 
 impl Server {
@@ -145,7 +158,7 @@ impl Server {
     pub fn of(notify: &Notify, trust: Trust) -> Server {
         let (url, token_file) = (notify.url.clone(), notify.token_file.clone());
         let trust = url.tls.then_some(trust);
-        Server { url, token_file, trust }
+        Server { url, token_file, trust, lookup: Mutex::default() }
     }
 
     /// Connects, as far as to the end of a TLS handshake, and sends nothing.
@@ -161,10 +174,27 @@ impl Server {
     }
 
     async fn connected(&self) -> Result<TcpStream, Failure> {
-        let found = tokio::net::lookup_host((self.url.host.as_str(), self.url.port)).await;
-        let found: Vec<_> = found.map_err(|_| Failure::Unresolved)?.collect();
-        let stream = TcpStream::connect(found.as_slice()).await;
-        stream.map_err(|error| Failure::dialled(&error))
+        let found = self.addresses().await?;
+        let (last, others) = found.split_last().ok_or(Failure::Unresolved)?;
+        for address in others {
+            if let Ok(Ok(stream)) = tokio::time::timeout(EACH, TcpStream::connect(address)).await {
+                return Ok(stream);
+            }
+        }
+        TcpStream::connect(last).await.map_err(|error| Failure::dialled(&error))
+    }
+
+    async fn addresses(&self) -> Result<Vec<SocketAddr>, Failure> {
+        let (host, port) = (self.url.host.clone(), self.url.port);
+        if let Ok(address) = host.parse::<IpAddr>() {
+            return Ok(vec![SocketAddr::new(address, port)]);
+        }
+        let mut lookup = self.lookup.lock().await;
+        let ask = move || (host, port).to_socket_addrs().map(Iterator::collect);
+        // Whoever does not wait for it any longer leaves it to the next one.
+        let found = lookup.get_or_insert_with(|| tokio::task::spawn_blocking(ask)).await;
+        *lookup = None;
+        found.map_err(|_| Failure::Unresolved)?.map_err(|_| Failure::Unresolved)
     }
 
     async fn secured(&self, stream: TcpStream) -> Result<Stream, Failure> {
@@ -182,12 +212,15 @@ impl Server {
     fn request(&self, body: &str) -> Result<String, Failure> {
         let token = self.token_file.as_ref().map(|path| token::read(path)).transpose();
         let token = token.map_err(Failure::Token)?;
-        let authorization = token.map_or(String::new(), |token| format!("Authorization: Bearer {token}\r\n"));
+        let unfit = || Failure::Token("the token has letters that no address can have".to_owned());
+        let target = self.url.target(token.as_deref().filter(|_| self.url.has_token())).ok_or_else(unfit)?;
+        let beside = token.filter(|_| !self.url.has_token());
+        let beside = beside.map_or(String::new(), |token| format!("Authorization: Bearer {token}\r\n"));
         Ok(format!(
-            "POST {} HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\nContent-Length: {}\r\n{authorization}\
-             Accept: */*\r\nConnection: close\r\n\r\n{body}",
-            self.url.target,
+            "POST {target} HTTP/1.1\r\nHost: {}\r\nUser-Agent: isotherm/{}\r\nContent-Type: application/json\r\n\
+             Content-Length: {}\r\n{beside}Accept: */*\r\nConnection: close\r\n\r\n{body}",
             self.url.authority(),
+            env!("CARGO_PKG_VERSION"),
             body.len()
         ))
     }

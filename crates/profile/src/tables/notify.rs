@@ -24,24 +24,29 @@ pub const ALARM_OVER: &str = "alarm-over";
 /// An axis that followed a model does not any more, and nobody has stopped the gateway.
 pub const AXIS_OFF: &str = "axis-off";
 
-/// What can be posted: the three words above, and every kind of event. What people ask for most comes first, because of a word
+/// What stands in a register is not what was written, or nobody knows.
+pub const UNVERIFIED: &str = "unverified";
+/// The time of this computer is not what it was taken for.
+pub const CLOCK: &str = "clock";
+
+/// What can be posted: the five words above, and every kind of event. What people ask for most comes first, because of a word
 /// that is none a part of the list is shown.
 #[rustfmt::skip]
-pub const TRIGGERS: [&str; 94] = [
-    ALARM, ALARM_OVER, AXIS_OFF, "axis-state", "disarmed", "armed", "arm-refused", "arm-ended", "waits-to-arm", "goes-on",
-    "device-lost", "device-back", "link-down", "link-up", "bus-trouble", "bus-well", "signal-bad", "signal-good",
-    "write-failed", "verify-failed", "verified", "not-applied", "foreign-change", "cnc-restarted", "cnc-booted",
-    "extrapolating", "interpolating", "model-ages", "at-limit", "warned", "beyond-error", "saturated", "frozen", "stood-in",
-    "stand-in-over", "clock-set", "clock-doubtful", "certificate-expires", "certificate-expired", "task-failed",
-    "not-as-expected", "as-expected", "emergency", "emergency-over", "node-reset", "interlocked", "released",
-    "ledger-doubt", "first-account", "ledger-opened", "operator-change", "own-write-late", "perhaps-from-before",
-    "waits-for-late-write", "not-read-back", "acknowledge-early", "acknowledge-missing", "acknowledge-not-read",
-    "acknowledge-stuck", "strobe-not-written", "strobe-not-dropped", "probed", "probe-refused", "probe-forgotten",
-    "sign-checked", "sign-ended", "rereferenced", "machine-started", "zeroed", "overrun", "pipeline-given-up",
-    "subscription", "stood-still", "started", "stopping", "stopped", "template-changed", "not-kept", "kept-again",
-    "not-believed", "taken-from-earlier", "events-lost", "events-full", "logs-deleted", "page-closed", "page-open",
-    "token-changed", "token-gone", "notify-failed", "notify-back", "notify-dropped", "command", "command-refused",
-    "command-dropped",
+pub const TRIGGERS: [&str; 98] = [
+    ALARM, ALARM_OVER, AXIS_OFF, UNVERIFIED, CLOCK, "axis-state", "disarmed", "armed", "arm-refused", "arm-ended",
+    "waits-to-arm", "goes-on", "device-lost", "device-back", "link-down", "link-up", "bus-trouble", "bus-well", "signal-bad",
+    "signal-good", "write-failed", "verify-failed", "verified", "not-applied", "foreign-change", "heartbeat-failed",
+    "heartbeat-written", "cnc-restarted", "cnc-booted", "extrapolating", "interpolating", "model-ages", "at-limit", "warned",
+    "beyond-error", "saturated", "frozen", "stood-in", "stand-in-over", "clock-set", "clock-doubtful", "certificate-expires",
+    "certificate-expired", "task-failed", "not-as-expected", "as-expected", "emergency", "emergency-over", "node-reset",
+    "interlocked", "released", "ledger-doubt", "first-account", "ledger-opened", "operator-change", "own-write-late",
+    "perhaps-from-before", "waits-for-late-write", "not-read-back", "acknowledge-early", "acknowledge-missing",
+    "acknowledge-not-read", "acknowledge-stuck", "strobe-not-written", "strobe-not-dropped", "probed", "probe-refused",
+    "probe-forgotten", "sign-checked", "sign-ended", "rereferenced", "machine-started", "zeroed", "overrun",
+    "pipeline-given-up", "subscription", "stood-still", "started", "stopping", "stopped", "template-changed", "not-kept",
+    "kept-again", "not-believed", "taken-from-earlier", "events-lost", "events-full", "logs-deleted", "page-closed",
+    "page-open", "token-changed", "token-gone", "notify-failed", "notify-back", "notify-dropped", "command",
+    "command-refused", "command-dropped",
 ];
 
 /// Where what happens is posted.
@@ -49,14 +54,16 @@ pub const TRIGGERS: [&str; 94] = [
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Notify")]
 pub(crate) struct RawNotify {
-    /// Where it is posted: "https://alarms.plant.example/isotherm", or http. No user and no password stands in it.
+    /// Where it is posted: "https://alarms.plant.example/isotherm", or http. No user and no password stands in it; `{token}` is
+    /// where the token belongs, if that is not beside the address.
     #[schemars(required)]
     url: Option<String>,
-    /// What is posted: kinds of events, "axis-off" (an axis that followed a model does not any more), "alarm" and "alarm-over".
+    /// What is posted: kinds of events, "axis-off" (an axis that followed a model does not any more), "unverified" (what stands in a
+    /// register is not what was written, or not known), "clock", "alarm" and "alarm-over".
     #[schemars(required)]
     on: Option<Vec<Trigger>>,
-    /// A file, beside the profile, with the token that is sent along (`Authorization: Bearer …`), not readable by others. It is read
-    /// anew for every message.
+    /// A file, beside the profile, with the token that is sent along (`Authorization: Bearer …`, or in the place of `{token}`), not
+    /// readable by others. It is read anew for every message.
     token_file: Option<String>,
     /// A PEM file, beside the profile, with who signs the server's certificate, or that very certificate. Default: whom this
     /// computer trusts.
@@ -132,6 +139,10 @@ impl RawNotify {
                 pem_file(&at.key("ca"), name, help).map(Some)
             }
         };
+        if self.token_file.is_none() && url.as_ref().is_some_and(Url::has_token) {
+            let help = "name the file with the token in `token_file`";
+            at.key("url").wrong("a token belongs into it, and there is none", help);
+        }
         at.key("token_file").secret(self.token_file.as_ref());
         if self.token_file.is_some() && url.as_ref().is_some_and(|url| !url.tls && !url.is_loopback()) {
             let help = "write https:// in `url`, where the server can do it";
@@ -165,7 +176,10 @@ impl Notify {
         let mut section = Section::default();
         let (to, on) = (self.url.to_string(), self.on.join(", "));
         let token = self.token_file.as_ref().map(|file| file.display().to_string());
-        let with = token.as_ref().map_or(String::new(), |file| format!(", with the token in {file}"));
+        let with = token.as_ref().map_or(String::new(), |file| {
+            let place = if self.url.has_token() { " as a part of the address" } else { "" };
+            format!(", with the token in {file}{place}")
+        });
         let trusts = match (&self.ca, self.url.tls) {
             (_, false) => ", in plain text".to_owned(),
             (Some(ca), true) => format!(", trusting {}", ca.name),

@@ -5,6 +5,8 @@ use std::net::{IpAddr, Ipv6Addr};
 
 /// Of an address that is longer something has gone wrong with copying.
 const LONGEST: usize = 2000;
+/// Where the token belongs that is in a file of its own, in an address that has it.
+const TOKEN: &str = "{token}";
 
 /// An address over http or https, in its parts.
 #[derive(Clone, PartialEq, Eq)]
@@ -15,8 +17,8 @@ pub struct Url {
     pub host: String,
     /// Its port.
     pub port: u16,
-    /// Path and query, as a request has them.
-    pub target: String,
+    /// Path and query, as a request has them but for the token.
+    target: String,
 }
 
 /// Scheme, host and port: the rest may hold what only the server is to know.
@@ -53,14 +55,18 @@ impl Url {
         if text.len() > LONGEST {
             return Err((format!("it has {} characters, more than {LONGEST}", text.len()), WRITE));
         }
-        if !text.bytes().all(|byte| byte.is_ascii_graphic() && !b"\"<>\\^`{|}".contains(&byte)) {
-            return wrong(
-                "it has characters that no address has",
-                "write them as % and two digits (a space is %20), and a name with other letters as its registry has it (xn--…)",
-            );
-        }
         let end = rest.find(['/', '?', '#']).unwrap_or(rest.len());
         let (authority, target) = rest.split_at(end);
+        if !is_of_an_address(authority) || !target.split(TOKEN).all(is_of_an_address) {
+            return wrong(
+                "it has characters that no address has",
+                "write them as % and two digits (a space is %20), a name with other letters as its registry has it (xn--…), and \
+                 `{token}` once where the token belongs",
+            );
+        }
+        if target.matches(TOKEN).count() > 1 {
+            return wrong("the token stands in it more than once", "write `{token}` once");
+        }
         if authority.contains('@') {
             return wrong(
                 "a URL in a profile names no user and no password",
@@ -77,6 +83,17 @@ impl Url {
         Ok(Url { tls, host: host.to_owned(), port, target: format!("{slash}{target}") })
     }
 
+    /// The token belongs into the address, and not beside it.
+    pub fn has_token(&self) -> bool {
+        self.target.contains(TOKEN)
+    }
+
+    /// Path and query as a request has them; `None` where no address can have such a token.
+    pub fn target(&self, token: Option<&str>) -> Option<String> {
+        let token = token.unwrap_or_default();
+        (is_of_an_address(token) && !token.contains('#')).then(|| self.target.replacen(TOKEN, token, 1))
+    }
+
     /// Host and port as a request names them: the port only where it is not the scheme's own.
     pub fn authority(&self) -> String {
         let host = if self.host.contains(':') { format!("[{}]", self.host) } else { self.host.clone() };
@@ -87,6 +104,10 @@ impl Url {
     pub(super) fn is_loopback(&self) -> bool {
         self.host == "localhost" || self.host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
     }
+}
+
+fn is_of_an_address(text: &str) -> bool {
+    text.bytes().all(|byte| byte.is_ascii_graphic() && !b"\"<>\\^`{|}".contains(&byte))
 }
 
 fn usual(tls: bool) -> u16 {
@@ -129,10 +150,25 @@ mod tests {
         ] {
             let url = Url::parse(text).unwrap();
             assert_eq!(
-                (url.to_string(), url.authority(), url.target.as_str()),
-                (shown.into(), authority.into(), target)
+                (url.to_string(), url.authority(), url.target(None)),
+                (shown.into(), authority.into(), Some(target.into()))
             );
-            assert_eq!(format!("{url:?}"), shown);
+            assert_eq!((format!("{url:?}"), url.has_token()), (shown.into(), false));
+        }
+    }
+
+    #[test]
+    fn a_token_stands_where_the_address_has_its_place_and_only_one_that_an_address_can_have() {
+        let url = Url::parse("https://hooks.example/in/{token}/x?y").unwrap();
+        assert!(url.has_token());
+        for (token, target) in [
+            ("T0/B1/z%20?k=v", Some("/in/T0/B1/z%20?k=v/x?y")),
+            ("a b", None),
+            ("a\r\nX:", None),
+            ("a#b", None),
+            ("{token}", None),
+        ] {
+            assert_eq!(url.target(Some(token)).as_deref(), target, "{token}");
         }
     }
 
@@ -150,6 +186,9 @@ mod tests {
             ("https://host/se cret", "characters that no address has"),
             ("https://hüst/secret", "characters that no address has"),
             ("https://host/secret\r\nX: y", "characters that no address has"),
+            ("https://host/{secret}", "characters that no address has"),
+            ("https://{token}/secret", "characters that no address has"),
+            ("https://host/{token}/secret/{token}", "more than once"),
         ] {
             let (message, help) = Url::parse(text).unwrap_err();
             assert!(message.contains(why) && !message.contains("secret"), "{text}: {message}");
