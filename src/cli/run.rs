@@ -15,6 +15,7 @@ use crate::cli::say::say;
 use crate::clock::Clock;
 use crate::gateway::control;
 use crate::gateway::{CHECK_ONLY, Gateway, HANDOVER, Handover, Options, Program, make_directory, may_start};
+use crate::observe::events::Event;
 use crate::observe::notify::{Outboxes, Rules};
 use isotherm_profile::{DeviceId, Profile, Web, plan};
 
@@ -118,10 +119,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         sockets.successor = program.as_ref().ok().map(|program| gateway.successor(program.clone(), socket));
         let source = gateway.source();
         let _services = sockets.serve(&source, gateway.wire_log(), lines)?;
-        let posting = outboxes.posted(&source, Rules::default(), notices::trust)?;
+        let report = Arc::new(move |delivery| source.report(&Event::Delivery(delivery)));
+        let posting = outboxes.posted(report, Rules::default(), notices::trust)?;
         let outcome = gateway.run(after(1), after(2)).await;
         if let Some(posting) = posting {
-            posting.finish(after(2)).await;
+            // Nobody holds the machine until the next program does: that one does not wait for messages.
+            let is_replaced = outcome.handover.is_some();
+            posting.finish(after(if is_replaced { 0 } else { 2 })).await;
         }
         anyhow::Ok(outcome)
     })?;

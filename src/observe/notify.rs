@@ -2,8 +2,8 @@
 //!
 //! Each server has an [`Outbox`]. Whoever reports an event lays a message into it and goes on; where it is full, the oldest one goes.
 //! A thread of its own, which no line and no page ever waits for, takes them out in their order. What does not arrive is tried
-//! again after pauses that grow, a few times, and then given up. That a first one does not arrive is an event, that they arrive again
-//! is another, and so is how many never did.
+//! again after pauses that grow, a few times, and then given up. That they do not arrive is an event, that they arrive again is another,
+//! and so is how many never did.
 //!
 //! # Layout
 //! - `outbox`: the queue, and what is laid into it. `message`: the document.
@@ -13,15 +13,13 @@
 use std::future::Future;
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::Duration;
 
 use tokio::sync::{oneshot, watch};
 use tokio::task::JoinSet;
 use tokio_rustls::rustls::ClientConfig;
 
-use super::events::{Delivery, Event, EventListener, Happened};
-use super::status::Source;
-use isotherm_profile::{Notify, Profile};
+use super::events::{Delivery, EventListener, Happened};
+use isotherm_profile::{Notify, Profile, stop};
 
 mod answer;
 mod courier;
@@ -35,13 +33,11 @@ pub use outbox::Outbox;
 pub use post::{Failure, Post, Server};
 pub use token::read as read_token;
 
-/// How long the end of a run waits for what has not been posted yet.
-const LAST_PATIENCE: Duration = Duration::from_secs(2);
-/// Names that are looked up wait in a thread each: of more the next one waits for its turn.
-const LOOKUPS: usize = 4;
-
 /// Whom a server's certificate is compared with; a sentence where nobody is trusted.
 pub type Trust = Result<Arc<ClientConfig>, String>;
+
+/// What becomes of messages is told so.
+pub type Report = Arc<dyn Fn(Delivery) + Send + Sync>;
 
 /// The outboxes of a profile, which fill from the first event on.
 #[derive(Debug)]
@@ -67,7 +63,7 @@ impl Outboxes {
     /// The system has no thread for it.
     pub fn posted(
         self,
-        source: &Arc<dyn Source>,
+        report: Report,
         rules: Rules,
         trust: impl Fn(&Notify) -> Trust,
     ) -> std::io::Result<Option<Posting>> {
@@ -79,25 +75,27 @@ impl Outboxes {
             self.0.iter().map(|outbox| (outbox.clone(), server(outbox))).collect();
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
-            .max_blocking_threads(LOOKUPS)
+            // The names of servers are looked up in these: one that hangs holds up no other.
+            .max_blocking_threads(self.0.len())
             .build()?;
         let (stop, stopped) = watch::channel(false);
         let (over, ended) = oneshot::channel();
-        let source = source.clone();
+        let couriers_report = report.clone();
         let thread = std::thread::Builder::new().name("notify".to_owned()).spawn(move || {
-            runtime.block_on(all(routes, rules, source, stopped));
+            runtime.block_on(all(routes, rules, couriers_report, stopped));
             // A name that is still looked up holds up nobody.
             runtime.shutdown_background();
             // Nobody may wait for it any more.
             let _ = over.send(());
         })?;
-        Ok(Some(Posting { stop, ended, _thread: thread }))
+        Ok(Some(Posting { outboxes: self.0, report, stop, ended, _thread: thread }))
     }
 }
 
 /// The thread that posts.
-#[derive(Debug)]
 pub struct Posting {
+    outboxes: Vec<Arc<Outbox>>,
+    report: Report,
     stop: watch::Sender<bool>,
     ended: oneshot::Receiver<()>,
     /// Nobody waits for it longer than [`Posting::finish`] does.
@@ -105,14 +103,18 @@ pub struct Posting {
 }
 
 impl Posting {
-    /// The gateway has ended: what waits is tried once more, within two seconds, or until `hurry` is ready.
+    /// The gateway has ended: what waits is tried once more, for at most [`stop::MESSAGES`], or until `hurry` is ready. What has not
+    /// arrived then is reported.
     pub async fn finish(self, hurry: impl Future<Output = ()>) {
         self.stop.send_replace(true);
         tokio::select! {
+            biased;
             _ = self.ended => {}
-            () = tokio::time::sleep(LAST_PATIENCE + LAST_PATIENCE / 4) => {}
             () = hurry => {}
+            () = tokio::time::sleep(stop::MESSAGES) => {}
         }
+        let left: Vec<Delivery> = self.outboxes.iter().filter_map(|outbox| outbox.all_dropped()).collect();
+        left.into_iter().for_each(|dropped| (self.report)(dropped));
     }
 }
 
@@ -120,27 +122,21 @@ impl Posting {
 async fn all(
     routes: Vec<(Arc<Outbox>, Server)>,
     rules: Rules,
-    source: Arc<dyn Source>,
+    report: Report,
     mut stopped: watch::Receiver<bool>,
 ) {
-    let outboxes: Vec<Arc<Outbox>> = routes.iter().map(|(outbox, _)| outbox.clone()).collect();
     let mut couriers = JoinSet::new();
     for (outbox, server) in routes {
-        let (source, stopped) = (source.clone(), stopped.clone());
+        let (report, stopped) = (report.clone(), stopped.clone());
         couriers.spawn(async move {
-            let report = |delivery| source.report(&Event::Delivery(delivery));
-            courier::carry(&outbox, &server, rules, report, stopped).await;
+            courier::carry(&outbox, &server, rules, |delivery| report(delivery), stopped).await;
         });
     }
     // An error means that nobody waits any more.
     let _ = stopped.wait_for(|stopped| *stopped).await;
     let over = async { while couriers.join_next().await.is_some() {} };
-    let _ = tokio::time::timeout(LAST_PATIENCE, over).await;
-    for outbox in outboxes {
-        let count = outbox.left();
-        if count > 0 {
-            let (notify, to) = (outbox.notify().name.clone(), outbox.notify().url.to_string());
-            source.report(&Event::Delivery(Delivery::Dropped { notify, to, count }));
-        }
-    }
+    let _ = tokio::time::timeout(stop::MESSAGES, over).await;
 }
+
+#[cfg(test)]
+mod tests;

@@ -28,7 +28,7 @@ fn where_what_is_posted_is_shown_without_what_may_be_secret() {
     assert_eq!(loaded.warnings, []);
     let profile = loaded.profile;
     assert_eq!(profile.notify[0].on, ["alarm", "device-lost"]);
-    assert_eq!(profile.notify[0].url.target, "/in/hidden?key=hidden");
+    assert_eq!(profile.notify[0].url.target(None).as_deref(), Some("/in/hidden?key=hidden"));
     let said = Preview::of(&profile).to_string();
     for line in [
         "  notify[0] to https://hooks.example, trusting whom this computer trusts: alarm, device-lost\n",
@@ -44,6 +44,30 @@ fn where_what_is_posted_is_shown_without_what_may_be_secret() {
             && !json.to_string().contains("hidden")
             && !format!("{profile:?}").contains("hidden")
     );
+}
+
+#[test]
+fn a_token_in_the_address_has_a_file_and_the_address_is_shown_without_both() {
+    let within = TABLE.replace("/in/hidden?key=hidden", "/in/{token}");
+    let with_file = posts(&format!("{within}token_file = \"hook.token\"\n"));
+    let profile = parse(&with_file).unwrap_or_else(|errors| panic!("{errors}")).profile;
+    let said = Preview::of(&profile).to_string();
+    let line = "  notify[0] to https://hooks.example, with the token in hook.token as a part of the address, trusting";
+    assert!(said.contains(line), "{said}");
+    let error = only_error(&posts(&within), "notify[0].url", "\"https");
+    assert!(error.to_string().contains("a token belongs into it, and there is none"), "{error}");
+    assert!(error.help.unwrap().contains("`token_file`"));
+}
+
+#[test]
+fn how_long_a_stop_takes_is_said_with_the_messages_and_without() {
+    let stop = |text: &str| {
+        let profile = parse(text).unwrap_or_else(|errors| panic!("{errors}")).profile;
+        let said = Preview::of(&profile).to_string();
+        said.split_once("stop\n").unwrap().1.to_owned()
+    };
+    assert!(stop(&posts(TABLE)).trim_end().ends_with(", then at most 2s until the last messages are posted"));
+    assert!(!stop(GRINDER).contains("messages"));
 }
 
 #[test]
@@ -72,7 +96,7 @@ fn what_is_wrong_with_an_address_is_said_and_what_is_secret_of_it_is_not() {
     // Nor where something else is wrong with the same line.
     let inline = format!("notify = [{{ url = \"{url}\", on = [\"alarm\"], tokn_file = \"x\" }}]\n{GRINDER}");
     let said = errors(parse(&inline))[0].to_string();
-    assert!(said.contains("unknown key `tokn_file`") && !said.contains("key=hidden"), "{said}");
+    assert!(said.contains("unknown key `tokn_file`") && !said.contains("hidden"), "{said}");
 }
 
 #[test]

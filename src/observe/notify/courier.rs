@@ -9,6 +9,9 @@ use super::outbox::Outbox;
 use super::post::{Failure, Post};
 use crate::observe::events::Delivery;
 
+/// So many attempts in a row that were in vain are reported.
+const TOLD: u32 = 2;
+
 /// How patient a courier is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rules {
@@ -54,7 +57,7 @@ pub(super) async fn carry(
 ) {
     let (notify, to) = (&outbox.notify().name, outbox.notify().url.to_string());
     // In a row, whatever messages they were about.
-    let mut failures = 0_u32;
+    let (mut failures, mut is_told, mut was_silent) = (0_u32, false, false);
     loop {
         let message = match outbox.take() {
             Some(message) => message,
@@ -71,21 +74,27 @@ pub(super) async fn carry(
         loop {
             let told = outbox.dropped();
             let body = message.json(told).to_string();
-            let posted = tokio::time::timeout(rules.timeout, server.post(&body)).await;
+            let posted = tokio::select! {
+                biased;
+                // A stop waits for nobody who has said nothing before.
+                () = ends(&mut stopped), if was_silent => return,
+                posted = tokio::time::timeout(rules.timeout, server.post(&body)) => posted,
+            };
             let Err(failure) = posted.unwrap_or(Err(Failure::Silent(rules.timeout))) else {
-                let count = outbox.arrived(told);
-                let (notify, to) = (notify.clone(), to.clone());
-                if failures > 0 {
-                    let attempts = u64::from(std::mem::take(&mut failures));
+                was_silent = false;
+                let attempts = u64::from(std::mem::take(&mut failures));
+                if std::mem::take(&mut is_told) {
                     report(Delivery::Back { notify: notify.clone(), to: to.clone(), attempts });
                 }
-                if count > 0 {
-                    report(Delivery::Dropped { notify, to, count });
+                if let Some(count) = outbox.arrived(told) {
+                    report(Delivery::Dropped { notify: notify.clone(), to: to.clone(), count });
                 }
                 break;
             };
-            failures = failures.saturating_add(1);
-            if failures == 1 {
+            (failures, was_silent) = (failures.saturating_add(1), failure.is_silence());
+            // One attempt in vain is no news where the next one is not.
+            if !is_told && (failures >= TOLD || failure.is_final()) {
+                is_told = true;
                 report(Delivery::Failed { notify: notify.clone(), to: to.clone(), why: failure.to_string() });
             }
             if *stopped.borrow() {

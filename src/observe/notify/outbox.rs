@@ -7,12 +7,16 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::Notify as Wakeup;
 
 use super::message::Message;
-use crate::observe::events::{Event, Happened};
+use crate::observe::events::{Delivery, Event, Happened};
 use isotherm_core::compensation::AxisState;
-use isotherm_profile::{ALARM, ALARM_OVER, AXIS_OFF, Notify};
+use isotherm_profile::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, Notify, UNVERIFIED};
 
 /// So many wait. What is newest tells most of what is to be done now: of more the oldest go.
 const MOST: usize = 100;
+/// What "unverified" means.
+const OF_UNVERIFIED: [&str; 4] = ["verify-failed", "write-failed", "not-applied", "not-read-back"];
+/// What "clock" means.
+const OF_THE_CLOCK: [&str; 2] = ["clock-set", "clock-doubtful"];
 
 /// The queue of one server.
 pub struct Outbox {
@@ -30,8 +34,27 @@ struct Queue {
     is_under_way: bool,
     /// So many have been laid in since the start.
     count: u64,
-    /// So many have been dropped that nobody has been told of.
+    /// So many have been dropped that the server has not been told of.
     dropped: u64,
+    losses: Losses,
+}
+
+/// What was dropped, and is reported: at once, then each time that it has doubled, and when nothing waits any more.
+#[derive(Debug, Default)]
+struct Losses {
+    unreported: u64,
+    reported: u64,
+}
+
+impl Losses {
+    /// So many more; how many are to be reported now.
+    fn more(&mut self, count: u64, is_over: bool) -> Option<u64> {
+        self.unreported += count;
+        let is_news = self.unreported > 0 && (is_over || self.unreported >= self.reported);
+        let news = is_news.then(|| std::mem::take(&mut self.unreported));
+        self.reported = if is_over { 0 } else { self.reported + news.unwrap_or_default() };
+        news
+    }
 }
 
 impl fmt::Debug for Outbox {
@@ -78,6 +101,8 @@ impl Outbox {
             ALARM => change.raised.is_some(),
             ALARM_OVER => !change.ended.is_empty(),
             AXIS_OFF => loses_its_axis(event),
+            UNVERIFIED => OF_UNVERIFIED.contains(&entry.kind.as_ref()),
+            CLOCK => OF_THE_CLOCK.contains(&entry.kind.as_ref()),
             kind => entry.kind == kind,
         })
     }
@@ -105,12 +130,13 @@ impl Outbox {
         self.queue().dropped
     }
 
-    /// What was under way has arrived, and with it that so many were dropped. How many.
-    pub(super) fn arrived(&self, told: u64) -> u64 {
+    /// What was under way has arrived, and with it that so many were dropped. How many are to be reported now.
+    pub(super) fn arrived(&self, told: u64) -> Option<u64> {
         let mut queue = self.queue();
         queue.is_under_way = false;
         queue.dropped = queue.dropped.saturating_sub(told);
-        told
+        let is_over = queue.waiting.is_empty();
+        queue.losses.more(told, is_over)
     }
 
     /// What was under way is not tried again.
@@ -124,6 +150,13 @@ impl Outbox {
     pub(super) fn left(&self) -> u64 {
         let queue = self.queue();
         queue.dropped + u64::from(queue.is_under_way) + queue.waiting.len() as u64
+    }
+
+    /// That they were dropped, at the end, where there are some.
+    pub(super) fn all_dropped(&self) -> Option<Delivery> {
+        let (notify, to) = (self.notify.name.clone(), self.notify.url.to_string());
+        let count = self.left() + self.queue().losses.unreported;
+        (count > 0).then_some(Delivery::Dropped { notify, to, count })
     }
 
     fn queue(&self) -> MutexGuard<'_, Queue> {
@@ -141,7 +174,7 @@ fn loses_its_axis(event: &Event) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::observe::events::{Change, Delivery};
+    use crate::observe::events::Change;
     use isotherm_core::quantity::Moment;
     use isotherm_profile::Url;
 
@@ -171,6 +204,16 @@ mod tests {
         assert!(hear(&outbox(&["alarm"]), &lost, raised()));
         assert!(!hear(&outbox(&["alarm"]), &lost, ended()));
         assert!(hear(&outbox(&["alarm", "alarm-over"]), &lost, ended()));
+        let write_failed = Event::WriteFailed { output: "cnc_z".into(), fault: "timeout".into() };
+        let set = Event::ClockDoubtful { last: Moment::default() };
+        for (word, event, is_posted) in [
+            ("unverified", &write_failed, true),
+            ("unverified", &set, false),
+            ("clock", &set, true),
+            ("clock", &write_failed, false),
+        ] {
+            assert_eq!(hear(&outbox(&[word]), event, Change::default()), is_posted, "{word} {event:?}");
+        }
         let off = outbox(&["axis-off"]);
         for (event, is_posted) in [
             (state("active", "holding", false), true),
@@ -203,10 +246,15 @@ mod tests {
         let first = outbox.take().unwrap();
         assert_eq!(first.json(30)["count"], 31);
         assert_eq!(outbox.left(), 130, "it has not arrived yet");
-        outbox.arrived(30);
+        assert_eq!(outbox.arrived(30), Some(30));
         assert_eq!((outbox.dropped(), outbox.left()), (0, 99));
         outbox.take().unwrap();
         outbox.given_up();
         assert_eq!((outbox.dropped(), outbox.left()), (1, 99));
+        // Not reported at once, because that is fewer than before: at the end it is.
+        outbox.take().unwrap();
+        assert_eq!(outbox.arrived(1), None);
+        let (notify, to) = ("notify[0]".to_owned(), "https://a.example".to_owned());
+        assert_eq!(outbox.all_dropped(), Some(Delivery::Dropped { notify, to, count: 98 }));
     }
 }

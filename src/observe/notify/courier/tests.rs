@@ -64,7 +64,7 @@ fn lay(outbox: &Outbox, messages: usize) {
 /// What was reported, and the seconds that passed, until nothing waits or this span is over.
 async fn carried(
     outbox: &Outbox,
-    server: &Fake,
+    server: &impl Post,
     span: Duration,
     while_it_runs: impl Future<Output = ()>,
 ) -> Vec<String> {
@@ -167,4 +167,53 @@ async fn at_the_end_what_waits_is_tried_once_more_and_no_pause_is_waited_out() {
     );
     ended.await.expect("it waits for a pause");
     assert_eq!((server.taken(), outbox.left()), (Vec::new(), 2));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_waits_for_nobody_who_has_said_nothing_before() {
+    // In the pause after the first attempt, and while the second one goes on.
+    for stopped_at in [10_200, 15_000].map(Duration::from_millis) {
+        let answers = (0..9).map(|_| Answer::Never).collect();
+        let (outbox, server) = (outbox(), Fake { answers: Mutex::new(answers), taken: Mutex::default() });
+        lay(&outbox, 2);
+        let ended = stopped_at + Duration::from_millis(1);
+        let ended = tokio::time::timeout(ended, carried(&outbox, &server, stopped_at, async {})).await;
+        assert_eq!((ended.is_ok(), outbox.left()), (true, 2), "{stopped_at:?}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn one_attempt_in_vain_is_no_news() {
+    let (outbox, server) = (outbox(), Fake::failing(1, &Failure::Closed));
+    lay(&outbox, 1);
+    let said = carried(&outbox, &server, HOUR, async {}).await;
+    assert_eq!((server.taken(), said), (vec![(1, 0)], Vec::new()));
+}
+
+/// A server that takes everything, and its time.
+struct Slow(Fake);
+
+impl Post for Slow {
+    async fn post(&self, body: &str) -> Result<(), Failure> {
+        tokio::time::sleep(Duration::from_secs(1)).await;
+        self.0.post(body).await
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_a_slow_server_misses_of_a_long_storm_is_told_a_few_times() {
+    let (outbox, server) = (outbox(), Slow(Fake::default()));
+    let storm = async {
+        for _ in 0..3600 {
+            lay(&outbox, 10);
+            tokio::time::sleep(Duration::from_secs(1)).await;
+        }
+    };
+    let said = carried(&outbox, &server, HOUR, storm).await;
+    let taken = server.0.taken();
+    let dropped: u64 = taken.iter().map(|(_, dropped)| dropped).sum();
+    assert_eq!(dropped + taken.len() as u64, 36_000);
+    assert!(dropped > 30_000 && said.len() < 20, "{dropped} {said:?}");
+    let count = |said: &String| said.split(' ').nth(1).unwrap().parse::<u64>().unwrap();
+    assert_eq!(said.iter().map(count).sum::<u64>(), dropped, "{said:?}");
 }
