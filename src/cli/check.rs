@@ -67,7 +67,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let pairs = super::runtime()?.block_on(pipeline::tried(&profile));
     #[cfg(feature = "opcua")]
     let nodes = super::runtime()?.block_on(opcua::inspect(&profile));
-    let servers = super::runtime()?.block_on(notices::look(&profile));
+    let servers = notices::look(&profile)?;
     let status = gauge::once(profile)?;
     if arguments.json {
         let document = serde_json::json!({

@@ -36,14 +36,27 @@ pub(super) struct Looked {
     fault: Option<String>,
 }
 
-/// Connects to each server, as far as to the end of a TLS handshake; nothing is posted.
-pub(super) async fn look(profile: &Profile) -> Vec<Looked> {
-    let mut looked = Vec::new();
-    for notify in &profile.notify {
-        let fault = Server::of(notify, trust(notify)).reached(WITHIN).await.err();
-        let fault = fault.map(|fault| fault.to_string());
-        looked.push(Looked { name: notify.name.clone(), to: notify.url.to_string(), fault });
+/// Connects to each server, to all at once, as far as to the end of a TLS handshake; nothing is posted.
+pub(super) fn look(profile: &Profile) -> anyhow::Result<Vec<Looked>> {
+    if profile.notify.is_empty() {
+        return Ok(Vec::new());
     }
+    let runtime = super::runtime()?;
+    let looked = runtime.block_on(async {
+        let look = |notify: &Notify| {
+            let server = Server::of(notify, trust(notify));
+            tokio::spawn(async move { server.reached(WITHIN).await })
+        };
+        let looks: Vec<_> = profile.notify.iter().map(|notify| (notify, look(notify))).collect();
+        let mut looked = Vec::new();
+        for (notify, look) in looks {
+            let fault = look.await?.err().map(|fault| fault.to_string());
+            looked.push(Looked { name: notify.name.clone(), to: notify.url.to_string(), fault });
+        }
+        anyhow::Ok(looked)
+    });
+    // A name that is still looked up is not waited for.
+    runtime.shutdown_background();
     looked
 }
 
