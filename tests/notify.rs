@@ -3,6 +3,8 @@
 
 use std::future::Future;
 use std::net::SocketAddr;
+use std::os::unix::fs::PermissionsExt;
+use std::process::Command;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -15,8 +17,11 @@ use tokio_rustls::TlsAcceptor;
 use tokio_rustls::server::TlsStream;
 
 mod certificates;
+#[path = "process/mod.rs"]
+mod process;
 
 use certificates::{Authority, Signed, signs_itself};
+use process::{Running, file};
 
 const NOW: (i32, i32) = (2020, 2099);
 const BODY: &str = "{\"text\":\"µ\"}";
@@ -129,6 +134,51 @@ async fn a_server_with_a_certificate_of_the_plants_own_authority_is_posted_to() 
         let (address, _) = secured(&signed).await;
         let server = to(&format!("https://localhost:{}/", address.port()), Some(&ca));
         assert_eq!(server.reached(Duration::from_secs(30)).await, Ok(()));
+    }
+}
+
+/// A web server as Python has one, inside TLS. It says at which port, and then what is posted to it.
+const OF_PYTHON: &str = r#"
+import http.server, ssl, sys
+
+class Handler(http.server.BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+
+    def do_POST(self):
+        body = self.rfile.read(int(self.headers["Content-Length"])).decode()
+        print("posted", self.path, self.headers["Authorization"], self.headers["Content-Type"], body, flush=True)
+        self.send_response(201)
+        self.send_header("Content-Length", "0")
+        self.end_headers()
+
+context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+context.load_cert_chain(sys.argv[1], sys.argv[2])
+server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+server.socket = context.wrap_socket(server.socket, server_side=True)
+print("at", server.server_address[1], flush=True)
+server.serve_forever()
+"#;
+
+#[tokio::test]
+async fn a_web_server_of_others_takes_it_with_the_token_beside_or_within_its_address() {
+    let home = tempfile::tempdir().unwrap();
+    let signed = signs_itself("localhost", NOW);
+    let files = [("cert.pem", &signed.cert), ("key.pem", &signed.key)];
+    let [cert, key] = files.map(|(name, text)| file(home.path(), name, text));
+    let token = file(home.path(), "token", "T0/B1/secret\n");
+    std::fs::set_permissions(&token, std::fs::Permissions::from_mode(0o600)).unwrap();
+    let mut python = Running::start(Command::new("python3").args(["-c", OF_PYTHON]).args([cert, key]));
+    let port = python.hears("at ").trim_start_matches("at ").to_owned();
+    for (target, seen) in [
+        ("in?key=1", "/in?key=1 Bearer T0/B1/secret"),
+        ("services/{token}?x", "/services/T0/B1/secret?x None"),
+    ] {
+        let url = Url::parse(&format!("https://localhost:{port}/{target}")).unwrap();
+        let token_file = Some(token.clone());
+        let notify = Notify { name: "notify[0]".into(), url, on: vec![ALARM], token_file, ca: None };
+        let server = Server::of(&notify, tls::visitor(Some(signed.cert.as_bytes())).map(Arc::new));
+        assert_eq!(server.post(BODY).await, Ok(()));
+        assert_eq!(python.hears("posted"), format!("posted {seen} application/json {BODY}"));
     }
 }
 

@@ -107,19 +107,27 @@ fn a_token_is_in_a_backup_only_with_secrets_and_then_nobody_else_may_read_it() {
     let mut bench = named("secret");
     stop(&mut bench);
     let token = bench.home.path().join("operator.token");
-    let (code, told) = said(isotherm(bench.home.path()).args(["token", "--out"]).arg(&token));
-    assert_eq!(code, 0, "{told}");
+    let hook = bench.home.path().join("hook.token");
+    for file in [&token, &hook] {
+        let (code, told) = said(isotherm(bench.home.path()).args(["token", "--out"]).arg(file));
+        assert_eq!(code, 0, "{told}");
+    }
     let text = std::fs::read_to_string(&bench.profile).unwrap();
     let text = text.replace("commands = \"local\"", "token_file = \"operator.token\"");
-    std::fs::write(&bench.profile, text).unwrap();
-    let secret = std::fs::read(&token).unwrap();
-    let holds = |file: &Path| std::fs::read(file).unwrap().windows(secret.len()).any(|part| part == secret);
+    let posts = "[[notify]]\nurl = \"https://hooks.example/{token}\"\non = [\"alarm\"]\ntoken_file = \"hook.token\"\n";
+    std::fs::write(&bench.profile, text + posts).unwrap();
+    let secrets = [&token, &hook].map(|file| std::fs::read(file).unwrap());
+    let holds = |file: &Path| {
+        let archive = std::fs::read(file).unwrap();
+        let has = |secret: &Vec<u8>| archive.windows(secret.len()).any(|part| part == secret);
+        secrets.iter().filter(|secret| has(secret)).count()
+    };
     let mode = |file: &Path| std::fs::metadata(file).unwrap().permissions().mode() & 0o777;
 
     let without = backup(&bench, "without.tar", &[]);
-    assert!(!holds(&without));
+    assert_eq!(holds(&without), 0);
     let with = backup(&bench, "with.tar", &["--secrets"]);
-    assert!(holds(&with));
+    assert_eq!(holds(&with), 2);
     assert_eq!((mode(&without), mode(&with)), (0o640, 0o600));
 
     let elsewhere = bench.home.path().join("elsewhere");
