@@ -35,6 +35,7 @@ mod logs;
 mod machines;
 mod man;
 mod measured;
+mod notices;
 #[cfg(feature = "opcua")]
 mod opcua;
 #[cfg(feature = "place")]

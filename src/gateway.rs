@@ -18,7 +18,7 @@ use crate::clock::{Clock, Sleeper};
 use crate::fieldbus::connection::Dial;
 use crate::fieldbus::dial;
 use crate::fieldbus::line::DeviceLine;
-use crate::observe::events::{Event, Journal, file};
+use crate::observe::events::{Event, EventListener, Journal, file};
 use crate::observe::status::{BrokerFigures, Source};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{AxisId, Bus, BusId, OnStop, Output, Profile};
@@ -127,6 +127,8 @@ pub struct Options {
     pub is_credulous: bool,
     /// How publishing to a broker goes.
     pub broker: Option<Arc<BrokerFigures>>,
+    /// Who hears of every event, from the first on.
+    pub listener: Option<EventListener>,
     /// What the program before this one in the same process has handed over.
     pub handover: Option<Handover>,
     /// Called where a stuck gateway cannot even stop.
@@ -145,6 +147,7 @@ impl Default for Options {
             pace: None,
             is_credulous: false,
             broker: None,
+            listener: None,
             handover: None,
             give_up: Arc::new(|| {}),
         }
@@ -189,7 +192,7 @@ impl Gateway {
             profile.axes.iter_mut().for_each(|axis| axis.settings.every = axes);
         }
         let profile = Arc::new(profile);
-        let journal = Arc::new(Journal::by(clock));
+        let journal = Arc::new(Journal::by(clock).heard_by(options.listener.clone()));
         if let Some(directory) = options.directory.as_deref().filter(|_| options.has_threads) {
             journal.recall(file::last(directory, &profile.name, RECALLED));
         }

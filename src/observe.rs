@@ -6,6 +6,7 @@ pub mod http;
 mod metrics;
 #[cfg(feature = "mqtt")]
 pub mod mqtt;
+pub mod notify;
 mod page;
 mod past;
 pub mod status;

@@ -178,7 +178,9 @@ fn secrets(profile: &Profile, beside: &Path) -> BTreeSet<String> {
         .flat_map(|web| [&web.token_file, &web.viewer_token_file, &web.scrape_token_file])
         .flatten();
     let key = web.and_then(|web| web.tls.as_ref()).map(|tls| &tls.key);
-    let mut secrets: BTreeSet<String> = tokens.chain(key).map(|path| name_in(path, beside)).collect();
+    let posted = profile.notify.iter().filter_map(|notify| notify.token_file.as_ref());
+    let mut secrets: BTreeSet<String> =
+        tokens.chain(key).chain(posted).map(|path| name_in(path, beside)).collect();
     secrets.extend(profile.mqtt.iter().flat_map(|mqtt| mqtt.secrets()).map(|file| file.name.clone()));
     for bus in &profile.buses {
         secrets.extend(bus.tls.as_ref().map(|tls| tls.key.name.clone()));

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 #[cfg(feature = "mqtt")]
 use super::broker;
 use super::certificate::Certificate;
+use super::notices::{self, Looked};
 use super::run::known_directory;
 use super::{ProfileArguments, gauge, load_quietly, print_json, warned};
 use crate::cli::say::{say, say_all, say_beside};
@@ -28,8 +29,8 @@ use isotherm_profile::preview::{self, Preview};
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// Ask the devices as well: reads every signal and every output register once, writes nothing; connects to the broker of
-    /// [mqtt], publishes nothing
+    /// Ask the devices as well: reads every signal and every output register once, writes nothing; connects to the broker of [mqtt]
+    /// and the servers of [[notify]], and publishes and posts nothing
     #[arg(long)]
     online: bool,
     /// The state directory that the gateway is started with, for what a template was in its last run
@@ -70,9 +71,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let nodes = super::runtime()?.block_on(opcua::inspect(&profile));
     #[cfg(feature = "mqtt")]
     let broker = super::runtime()?.block_on(broker::look(&profile));
+    let servers = notices::look(&profile)?;
     let status = gauge::once(profile)?;
     if arguments.json {
-        let document = serde_json::json!({ "profile": preview, "online": status, "can": lines, "pipeline": pairs, "sensors": sensors });
+        let document = serde_json::json!({
+            "profile": preview, "online": status, "can": lines, "pipeline": pairs, "sensors": sensors, "notify": servers,
+        });
         #[cfg(feature = "opcua")]
         let document = with(document, "nodes", &nodes)?;
         #[cfg(feature = "mqtt")]
@@ -100,6 +104,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         nodes.iter().try_for_each(tell)?;
         #[cfg(feature = "mqtt")]
         broker.iter().try_for_each(|looked| say!("{}", looked.line()))?;
+        servers.iter().try_for_each(|looked| say!("{}", looked.line()))?;
         say_all!("{}{}", gauge::signals(&status), gauge::fieldbus(&status))?;
     }
     #[cfg(feature = "opcua")]
@@ -111,6 +116,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     gauge::judge(&status)?;
     #[cfg(feature = "mqtt")]
     broker.iter().try_for_each(broker::Looked::judge)?;
+    Looked::judge(&servers)?;
     let unfit = pairs.iter().find(|tried| tried.fault.is_some());
     let unfit = unfit.map(|tried| format!("device {} does not bear two questions at a time", tried.device));
     unfit.map_or(Ok(()), |unfit| Err(anyhow::anyhow!("{unfit}: remove `pipeline` from its bus")))
@@ -172,6 +178,7 @@ fn unlike_run(profile: &Profile, state: Option<&Path>) -> Vec<String> {
     let certificate = files.and_then(|files| Certificate::open(files).err());
     let certificate = certificate.map(|why| format!("{why:#}: the gateway does not start without it"));
     let all = tokens.into_iter().chain(certificate).chain(socket).chain(changed);
+    let all = all.chain(notices::hindered(profile));
     #[cfg(feature = "opcua")]
     let all = all.chain(expiring(profile));
     all.collect()

@@ -8,6 +8,7 @@ use anyhow::Context;
 
 #[cfg(feature = "mqtt")]
 use super::broker;
+use super::notices;
 use super::port::Port;
 use super::services::Sockets;
 use super::signals::Signals;
@@ -17,6 +18,8 @@ use crate::clock::Clock;
 use crate::gateway::control;
 use crate::gateway::{CHECK_ONLY, Gateway, HANDOVER, Handover, Options, Program, make_directory, may_start};
 use crate::observe::status::BrokerFigures;
+use crate::observe::events::Event;
+use crate::observe::notify::{Outboxes, Rules};
 use isotherm_profile::{DeviceId, Profile, Web, plan};
 
 /// What the log still has to say when the program gives up.
@@ -78,8 +81,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         );
     }
     let figures = profile.mqtt.as_ref().map(|mqtt| Arc::new(BrokerFigures::of(mqtt.broker.to_string())));
+    let outboxes = Outboxes::of(&profile, arguments.dry_run);
     let options = Options {
         dry_run: arguments.dry_run,
+        listener: outboxes.listener(),
         directory: Some(directory.clone()),
         give_up: Arc::new(|| {
             std::thread::sleep(LAST_WORDS);
@@ -123,10 +128,17 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         let _services = sockets.serve(&source, gateway.wire_log(), lines)?;
         #[cfg(feature = "mqtt")]
         let publishing = broker::publish(&published, &source, figures.as_ref(), &directory)?;
+        let report = Arc::new(move |delivery| source.report(&Event::Delivery(delivery)));
+        let posting = outboxes.posted(report, Rules::default(), notices::trust)?;
         let outcome = gateway.run(after(1), after(2)).await;
+        // Nobody holds the machine until the next program does: that one does not wait for messages.
+        let patience = || after(if outcome.handover.is_some() { 0 } else { 2 });
         #[cfg(feature = "mqtt")]
         if let Some(publishing) = publishing {
-            publishing.finish(after(2)).await;
+            publishing.finish(patience()).await;
+        }
+        if let Some(posting) = posting {
+            posting.finish(patience()).await;
         }
         anyhow::Ok(outcome)
     })?;

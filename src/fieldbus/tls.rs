@@ -13,12 +13,14 @@ mod broker;
 mod client;
 mod pem;
 mod server;
+mod visitor;
 
 #[cfg(feature = "mqtt")]
 pub use broker::broker;
 pub(super) use client::Client;
 pub use client::check;
 pub use server::{Wrong, server};
+pub use visitor::visitor;
 
 /// Controllers without a processor for it take a second or two for the two signatures of a handshake.
 pub(super) const HANDSHAKE: Duration = Duration::from_secs(5);

@@ -20,6 +20,7 @@ mod broker;
 #[cfg(feature = "opcua")]
 mod certificate;
 mod data;
+mod delivery;
 pub mod file;
 mod handshake;
 mod journal;
@@ -27,12 +28,13 @@ mod page;
 mod sentences;
 mod stand_in;
 
-pub use alarms::{Alarm, Seen};
+pub use alarms::{Alarm, Change, Seen};
 pub use broker::Broker;
 #[cfg(feature = "opcua")]
 pub use certificate::{Expiry, Whose};
+pub use delivery::Delivery;
 pub use handshake::HandshakeFault;
-pub use journal::{Entry, Journal};
+pub use journal::{Entry, EventListener, Happened, Journal};
 pub use page::{PagePort, PageToken};
 pub use stand_in::StandIn;
 pub(crate) use stand_in::others;
@@ -295,6 +297,8 @@ pub enum Event {
     Token(PageToken),
     /// Whether what is published arrives at the broker of `[mqtt]`.
     Broker(Broker),
+    /// Whether messages to a server of `[[notify]]` arrive.
+    Delivery(Delivery),
     /// A certificate of an OPC UA line expires soon, or has.
     #[cfg(feature = "opcua")]
     Certificate(Expiry),

@@ -106,7 +106,7 @@ fn a_restore_over_a_newer_state_or_a_newer_profile_is_refused_and_nothing_is_wri
 fn a_token_is_in_a_backup_only_with_secrets_and_then_nobody_else_may_read_it() {
     let mut bench = named("secret");
     stop(&mut bench);
-    let tokens = ["operator.token", "scrape.token"].map(|name| bench.home.path().join(name));
+    let tokens = ["operator.token", "scrape.token", "hook.token"].map(|name| bench.home.path().join(name));
     for token in &tokens {
         let (code, told) = said(isotherm(bench.home.path()).args(["token", "--out"]).arg(token));
         assert_eq!(code, 0, "{told}");
@@ -116,7 +116,8 @@ fn a_token_is_in_a_backup_only_with_secrets_and_then_nobody_else_may_read_it() {
         "commands = \"local\"",
         "token_file = \"operator.token\"\nscrape_token_file = \"scrape.token\"",
     );
-    std::fs::write(&bench.profile, text).unwrap();
+    let posts = "[[notify]]\nurl = \"https://hooks.example/{token}\"\non = [\"alarm\"]\ntoken_file = \"hook.token\"\n";
+    std::fs::write(&bench.profile, text + posts).unwrap();
     let secrets = tokens.map(|token| std::fs::read(token).unwrap());
     let holds = |file: &Path| {
         let bytes = std::fs::read(file).unwrap();
@@ -125,9 +126,9 @@ fn a_token_is_in_a_backup_only_with_secrets_and_then_nobody_else_may_read_it() {
     let mode = |file: &Path| std::fs::metadata(file).unwrap().permissions().mode() & 0o777;
 
     let without = backup(&bench, "without.tar", &[]);
-    assert_eq!(holds(&without), [false; 2]);
+    assert_eq!(holds(&without), [false; 3]);
     let with = backup(&bench, "with.tar", &["--secrets"]);
-    assert_eq!(holds(&with), [true; 2]);
+    assert_eq!(holds(&with), [true; 3]);
     assert_eq!((mode(&without), mode(&with)), (0o640, 0o600));
 
     let elsewhere = bench.home.path().join("elsewhere");

@@ -122,3 +122,26 @@ fn the_api_is_told_with_every_address() {
         assert!(is_told, "docs/api.md lacks {path}");
     }
 }
+
+/// What `[[notify]]` can name is what events are called, and each of them.
+#[test]
+fn what_can_be_posted_is_every_kind_of_event() {
+    use isotherm_profile::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, TRIGGERS, UNVERIFIED};
+    let mut source = String::new();
+    gather(&root().join("src/observe/events"), &mut source);
+    let source = source.split_whitespace().collect::<Vec<_>>().join(" ");
+    let own = [ALARM, ALARM_OVER, AXIS_OFF, UNVERIFIED, CLOCK];
+    let unknown =
+        TRIGGERS.iter().filter(|word| !own.contains(word) && !source.contains(&format!("\"{word}\"")));
+    let unknown: Vec<&&str> = unknown.collect();
+    assert!(unknown.is_empty(), "no event is called so: {unknown:?}");
+    for call in ["info(", "warning(", "error("] {
+        let calls = source.split(call).skip(1).filter_map(|rest| rest.trim_start().strip_prefix('"'));
+        for word in calls.filter_map(|rest| rest.split('"').next()) {
+            assert!(
+                TRIGGERS.contains(&word),
+                "`{word}` cannot be posted: crates/profile/src/tables/notify.rs"
+            );
+        }
+    }
+}

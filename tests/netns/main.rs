@@ -14,6 +14,7 @@ use isotherm::gateway::{Dialer, Gateway, Options};
 #[path = "../device/mod.rs"]
 mod device;
 mod lingering;
+mod unanswered;
 mod way;
 
 use device::{Device, STEP, Seen, State, Times, What};

@@ -18,6 +18,7 @@ mod load;
 mod mistakes;
 mod models;
 mod mqtt;
+mod notify;
 mod opcua;
 mod probe;
 mod seals;

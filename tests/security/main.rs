@@ -18,6 +18,7 @@ mod layers;
 mod leaving;
 mod on_time;
 mod port;
+mod posted;
 #[path = "../process/mod.rs"]
 mod process;
 mod rates;

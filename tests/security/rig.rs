@@ -66,6 +66,12 @@ impl Machine {
         command
     }
 
+    /// What a verb says that knows the profile alone.
+    pub(crate) fn verb_of_profile(&self, verb: &str, options: &[&str]) -> String {
+        let output = isotherm(self.home.path()).arg(verb).arg(&self.profile).args(options).output().unwrap();
+        [output.stdout, output.stderr].map(|said| String::from_utf8(said).unwrap()).concat()
+    }
+
     /// The axis holds the machine.
     pub(crate) fn is_held(&self) {
         self.device.asks(2000);

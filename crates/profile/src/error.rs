@@ -44,11 +44,13 @@ const MOST_LISTED: usize = 50;
 /// As many are described while a profile is looked at: the first of them in the order of the lines are listed.
 const MOST_DESCRIBED: usize = 1000;
 /// Words that are named as allowed.
-const MOST_WORDS: usize = 60;
+const MOST_WORDS: usize = 130;
 /// Words among which the one is looked for that was meant.
 const MOST_COMPARED: usize = 1000;
-/// A message, and its remedy, in characters: they quote what a profile says.
+/// A message in characters: it quotes what a profile says.
 const LONGEST_MESSAGE: usize = 800;
+/// Its remedy: it names the words that are allowed.
+const LONGEST_HELP: usize = 1900;
 
 /// Errors, or warnings, as they are found. Whoever writes two million wrong keys reads fifty.
 #[derive(Debug, Default)]
@@ -94,7 +96,7 @@ impl Found {
         for error in &mut self.described {
             cut(&mut error.key, LONGEST_QUOTE);
             cut(&mut error.message, LONGEST_MESSAGE);
-            error.help.iter_mut().for_each(|help| cut(help, LONGEST_MESSAGE));
+            error.help.iter_mut().for_each(|help| cut(help, LONGEST_HELP));
         }
         if let Some(last) = self.described.last_mut() {
             last.more = more;

@@ -46,7 +46,7 @@ pub use tables::axis::model::seals::sha256;
 pub use tables::axis::probe::ProbeInput;
 pub use tables::bus::opcua::{NamedFile, OpcUa, Security, User, server_url};
 pub use tables::bus::serial::{Parity, Serial};
-pub use tables::bus::tls::{TLS_PORT, Tls};
+pub use tables::bus::tls::{PemFile, TLS_PORT, Tls};
 pub use tables::bus::{Bus, Sync, Transport};
 pub use tables::device::Device;
 pub use tables::device::emergency::Emergency;
@@ -60,6 +60,8 @@ pub use tables::label::labelled;
 pub use tables::machine::{Arm, OnStop};
 pub use tables::mqtt::broker::BrokerUrl;
 pub use tables::mqtt::{Mqtt, MqttFormat, MqttUser};
+pub use tables::notify::url::Url;
+pub use tables::notify::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, Notify, TRIGGERS, UNVERIFIED};
 pub use tables::opcua::{ReadBy, SourceTime};
 pub use tables::output::Output;
 pub use tables::output::applied::Applied;
@@ -137,6 +139,8 @@ pub struct Profile {
     pub web: Option<Web>,
     /// What is published to a broker.
     pub mqtt: Option<Mqtt>,
+    /// Where what happens is posted.
+    pub notify: Vec<Notify>,
     /// Where state and logs are kept.
     pub history: History,
     /// What layers above the file have set.

@@ -9,6 +9,7 @@ use serde_json::{Map, Value};
 
 use crate::error::ProfileError;
 use crate::span::{Spans, child};
+use crate::unseen::veiled;
 
 /// The keys of an axis that a layer above the profile may only make smaller.
 const SMALLER: [&str; 3] = ["limit", "step", "rate"];
@@ -103,6 +104,7 @@ fn at<'v>(value: &'v Value, keys: &[String]) -> Option<&'v Value> {
 
 fn short(value: &Value) -> String {
     let text = value.to_string();
+    let text = veiled(&text).into_owned();
     match text.char_indices().nth(LONGEST) {
         Some((end, _)) => format!("{}…", &text[..end]),
         None => text,

@@ -93,6 +93,11 @@ impl Preview {
             section.line("publishes");
         }
         section.part("mqtt", profile.mqtt.as_ref().map(|mqtt| mqtt.preview(profile)));
+        if !profile.notify.is_empty() {
+            section.line("");
+            section.line("posts");
+        }
+        section.parts("notify", profile.notify.iter().map(|notify| notify.preview()));
         section.line("");
         section.part("stop", Some(stop::preview(profile)));
         Preview(section)

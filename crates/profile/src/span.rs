@@ -7,6 +7,7 @@ use serde_json::Value;
 
 use crate::error::ProfileError;
 use crate::regular::LONGEST_QUOTE;
+use crate::unseen::veiled;
 
 /// One layer: a file with its text, a variable or a flag.
 #[derive(Clone, Debug)]
@@ -25,8 +26,8 @@ impl Layer {
         let line = lines.partition_point(|start| *start <= byte);
         let start = lines[line - 1];
         let end = lines.get(line).map_or(text.len(), |next| next - 1);
-        let whole = text[start..end.max(start)].trim_end_matches('\r');
-        Some((line, text[start..byte].chars().count() + 1, around(whole, byte - start)))
+        let whole = veiled(text[start..end.max(start)].trim_end_matches('\r'));
+        Some((line, text[start..byte].chars().count() + 1, around(&whole, byte - start)))
     }
 }
 
@@ -238,7 +239,7 @@ impl Spans {
             line,
             column,
             key: path.to_owned(),
-            message: message.into(),
+            message: veiled(&message.into()).into_owned(),
             help,
             excerpt,
             caret: caret.unwrap_or_default(),

@@ -7,6 +7,8 @@ use isotherm_core::quantity::Micron;
 
 /// What is said and kept at the end.
 const REST: Duration = Duration::from_secs(2);
+/// How long the last messages to servers are waited for after all of that.
+pub const MESSAGES: Duration = Duration::from_secs(2);
 
 /// How long the fault actions take at most, where each axis has so far to go: with its Cz, and with its slope.
 pub fn fault_actions(profile: &Profile, ways: impl IntoIterator<Item = [Micron; 2]>) -> Duration {

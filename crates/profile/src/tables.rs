@@ -28,6 +28,7 @@ use isotherm_core::compensation::settings::MachineSettings;
 use isotherm_core::reading::SignalId;
 use machine::RawMachine;
 use mqtt::RawMqtt;
+use notify::RawNotify;
 use output::{Output, RawOutput};
 use set::{OutputSet, RawSet};
 use signal::{RawSignal, Signal};
@@ -48,6 +49,7 @@ mod line_time;
 mod loose_ends;
 pub(crate) mod machine;
 pub(crate) mod mqtt;
+pub(crate) mod notify;
 pub(crate) mod opcua;
 pub(crate) mod output;
 pub(crate) mod quirks;
@@ -98,6 +100,9 @@ pub(crate) struct RawProfile {
     web: Option<RawWeb>,
     /// Publishing to a broker.
     mqtt: Option<RawMqtt>,
+    /// Where what happens is posted.
+    #[serde(default)]
+    notify: Vec<RawNotify>,
     /// State and logs.
     history: Option<RawHistory>,
 }
@@ -233,6 +238,7 @@ impl Check<'_> {
         let heartbeat = raw.heartbeat.as_ref().and_then(|raw| raw.resolve(&self.at("heartbeat")));
         let web = raw.web.as_ref().map(|raw| raw.resolve(&self.at("web")));
         let mqtt = raw.mqtt.as_ref().and_then(|raw| raw.resolve(&self.at("mqtt")));
+        let notify = notify::resolve(&self.at("notify"), &raw.notify);
         let history = raw.history.as_ref().map(|raw| raw.resolve(&self.at("history"))).unwrap_or_default();
         can::written_frames(self);
         can::conflicts(self);
@@ -261,6 +267,7 @@ impl Check<'_> {
             heartbeat,
             web,
             mqtt,
+            notify,
             history,
             overridden: Vec::new(),
         };

@@ -1,5 +1,6 @@
 //! Texts that somebody else wrote (a profile, a device, a file's name, whoever asks over the network), as people see them:
-//! nothing in them ends a line, steers a terminal or turns the direction of what stands behind it.
+//! nothing in them ends a line, steers a terminal or turns the direction of what stands behind it, and of an address nobody reads
+//! what only its server is to know.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -40,9 +41,54 @@ fn escaped(text: &str, is_unwanted: impl Fn(char) -> bool) -> Cow<'_, str> {
     Cow::Owned(escaped)
 }
 
+/// The text, in which asterisks stand for user, password and query of every address (`https://…`), and where it is a web server's
+/// that stands alone between its quotes, for its path: as many bytes as there were.
+pub(crate) fn veiled(text: &str) -> Cow<'_, str> {
+    const BEGIN: &str = "://";
+    if !text.contains(BEGIN) {
+        return Cow::Borrowed(text);
+    }
+    let mut veiled = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some((before, behind)) = rest.split_once(BEGIN) {
+        let scheme = before.trim_end_matches(|one: char| one.is_ascii_alphanumeric() || "+.-".contains(one));
+        let quote = scheme.chars().next_back().filter(|one| "\"'`".contains(*one));
+        let is_end = |one: char| quote.map_or(one.is_whitespace(), |quote| one == quote);
+        let (address, after) = behind.split_at(behind.find(is_end).unwrap_or(behind.len()));
+        let (user, address) = address.split_at(address.rfind('@').unwrap_or(0));
+        let is_web = quote.is_some() && (before.ends_with("http") || before.ends_with("https"));
+        let ends = |one: char| one == '?' || (is_web && one == '/');
+        let (address, rest_of_it) =
+            address.split_at(address.find(ends).map_or(address.len(), |mark| mark + 1));
+        veiled.extend([before, BEGIN, &"*".repeat(user.len()), address, &"*".repeat(rest_of_it.len())]);
+        rest = after;
+    }
+    veiled.push_str(rest);
+    Cow::Owned(veiled)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn of_an_address_nobody_reads_who_asks_and_what_for() {
+        for (text, shown) in [
+            ("address = \"10.0.0.7:502\"", "address = \"10.0.0.7:502\""),
+            ("url = \"https://a:8443/b\"", "url = \"https://a:8443/*\""),
+            ("node = \"nsu=http://a/b;s=C\"", "node = \"nsu=http://a/b;s=C\""),
+            (
+                "{ url = \"https://me:pä ss@a/b?key=1\", on = [] }",
+                "{ url = \"https://*********@a/*******\", on = [] }",
+            ),
+            ("see http://a/b?k=v and 'x://u@b/c'", "see http://a/b?*** and 'x://*@b/c'"),
+            ("`https://a/b@c?d`", "`https://***@c?*`"),
+            ("no end: https://u:p@", "no end: https://***@"),
+        ] {
+            assert_eq!(veiled(text), shown);
+            assert_eq!(veiled(text).len(), text.len());
+        }
+    }
 
     #[test]
     fn nothing_that_is_not_seen_is_left_and_everything_else_stays() {

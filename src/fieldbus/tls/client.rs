@@ -18,7 +18,7 @@ use tokio_rustls::rustls::{
 };
 
 use super::pem::{certificates, private_key};
-use super::tls_fault;
+use super::{tls_fault, visitor};
 use crate::fieldbus::eager::Eager;
 use crate::fieldbus::error::{Fault, LinkFault, TlsFault};
 use crate::fieldbus::port::Port;
@@ -39,6 +39,8 @@ pub(in crate::fieldbus) struct Client {
 pub fn check(profile: &Profile) -> Result<(), Errors> {
     let secured = profile.buses.iter().filter_map(|bus| bus.tls.as_ref());
     let mut wrong: Vec<ProfileError> = secured.filter_map(|tls| Client::new(tls).err()).flatten().collect();
+    let authorities = profile.notify.iter().filter_map(|notify| notify.ca.as_ref());
+    wrong.extend(authorities.filter_map(|ca| Some(ca.wrong(&visitor(Some(&ca.bytes)).err()?))));
     wrong.sort_by_key(|error| (error.line, error.column));
     if wrong.is_empty() { Ok(()) } else { Err(Errors(wrong)) }
 }

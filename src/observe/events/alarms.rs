@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::{Broker, Entry, Event, Level, PagePort, StandIn};
+use super::{Broker, Delivery, Entry, Event, Level, PagePort, StandIn};
 
 /// One that stands.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -34,15 +34,24 @@ pub struct Seen {
     pub by: String,
 }
 
+/// What an event has changed of the alarms, by what they are about.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Change {
+    /// The one that it raised.
+    pub raised: Option<String>,
+    /// Those that stood, and have come to their end.
+    pub ended: Vec<String>,
+}
+
 /// All that stand, by what they are about.
 #[derive(Debug, Default)]
 pub(super) struct Alarms(BTreeMap<String, Alarm>);
 
 impl Alarms {
-    pub(super) fn note(&mut self, event: &Event, entry: &Entry) {
-        let (raised, ended) = event.about();
-        ended.iter().for_each(|id| drop(self.0.remove(id)));
-        if let Some(id) = raised {
+    pub(super) fn note(&mut self, event: &Event, entry: &Entry) -> Change {
+        let (raised, mut ended) = event.about();
+        ended.retain(|id| self.0.remove(id).is_some());
+        if let Some(id) = raised.clone() {
             let alarm = Alarm {
                 id: id.clone(),
                 kind: entry.kind.to_string(),
@@ -53,6 +62,7 @@ impl Alarms {
             };
             self.0.insert(id, alarm);
         }
+        Change { raised, ended }
     }
 
     /// The newest first.
@@ -133,6 +143,8 @@ impl Event {
             Event::Page(PagePort::Open { listen }) => ends(&[("page at", listen)]),
             Event::Broker(Broker::Down { broker, .. }) => raises("broker", broker),
             Event::Broker(Broker::Up { broker, .. }) => ends(&[("broker", broker)]),
+            Event::Delivery(Delivery::Failed { notify, .. }) => raises("messages of", notify),
+            Event::Delivery(Delivery::Back { notify, .. }) => ends(&[("messages of", notify)]),
             #[cfg(feature = "opcua")]
             Event::Certificate(expiry) => raises("certificate", &expiry.name()),
             _ => (None, Vec::new()),
@@ -161,7 +173,7 @@ mod tests {
     fn an_alarm_stands_until_its_end_and_one_that_is_raised_anew_was_not_seen() {
         let mut alarms = Alarms::default();
         let note = |alarms: &mut Alarms, event: &Event| alarms.note(event, &event.entry(Moment::default()));
-        note(&mut alarms, &bad());
+        assert_eq!(note(&mut alarms, &bad()).raised.as_deref(), Some("signal bed"));
         note(&mut alarms, &state("holding", false));
         let ids = |alarms: &Alarms| alarms.all().into_iter().map(|alarm| alarm.id).collect::<Vec<_>>();
         assert_eq!(ids(&alarms), ["axis z", "signal bed"]);
@@ -174,7 +186,12 @@ mod tests {
         };
         assert_eq!(by(&alarms), [Some("b".to_owned()), Some("a".to_owned())]);
         note(&mut alarms, &Event::SignalGood { signal: "bed".into(), bad_for: std::time::Duration::ZERO });
-        note(&mut alarms, &state("active", false));
+        let change = note(&mut alarms, &state("active", false));
+        assert_eq!(
+            change,
+            Change { raised: None, ended: vec!["axis z".to_owned()] },
+            "its level never stood"
+        );
         assert_eq!(ids(&alarms), Vec::<String>::new());
         note(&mut alarms, &bad());
         assert_eq!(by(&alarms), [None]);

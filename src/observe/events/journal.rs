@@ -3,12 +3,12 @@
 use std::borrow::Cow;
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
 use super::alarms::Alarms;
-use super::{Alarm, Event, Level, Seen};
+use super::{Alarm, Change, Event, Level, Seen};
 use crate::clock::Clock;
 use isotherm_core::quantity::Moment;
 
@@ -33,12 +33,33 @@ pub struct Entry {
     pub data: serde_json::Value,
 }
 
+/// What has just happened, for whoever listens.
+#[derive(Clone, Copy, Debug)]
+pub struct Happened<'a> {
+    /// The event itself.
+    pub event: &'a Event,
+    /// As it is shown and kept.
+    pub entry: &'a Entry,
+    /// What it has changed of the alarms.
+    pub change: &'a Change,
+}
+
+/// Hears of every event at once, in their order. It keeps whoever reports it, which may be a line, and the journal's lock: it takes
+/// what it wants and waits for nothing.
+pub type EventListener = Arc<dyn Fn(Happened<'_>) + Send + Sync>;
+
 /// The events of a run, and the last ones of the runs before it.
-#[derive(Debug)]
 pub struct Journal {
     /// Stamps what is reported.
     clock: Clock,
     pages: Mutex<Pages>,
+    listener: Option<EventListener>,
+}
+
+impl fmt::Debug for Journal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Journal").field("pages", &self.pages).finish_non_exhaustive()
+    }
 }
 
 #[derive(Debug, Default)]
@@ -84,7 +105,13 @@ impl Unkept {
 impl Journal {
     /// Nothing has happened yet.
     pub fn by(clock: &Clock) -> Journal {
-        Journal { clock: clock.clone(), pages: Mutex::default() }
+        Journal { clock: clock.clone(), pages: Mutex::default(), listener: None }
+    }
+
+    /// The same, and somebody listens.
+    #[must_use]
+    pub fn heard_by(self, listener: Option<EventListener>) -> Journal {
+        Journal { listener, ..self }
     }
 
     /// Reports an event: log, count, page, disk.
@@ -92,6 +119,7 @@ impl Journal {
         let at = self.clock.stamp(at);
         let entry = event.entry(at);
         let (kind, text) = (event.kind(), &entry.text);
+        debug_assert!(isotherm_profile::TRIGGERS.contains(&kind), "{kind} is not among what can be posted");
         match entry.level {
             Level::Info => tracing::info!(kind, "{text}"),
             Level::Warning => tracing::warn!(kind, "{text}"),
@@ -99,7 +127,10 @@ impl Journal {
         }
         let mut pages = self.pages();
         *pages.counts.entry(kind).or_default() += 1;
-        pages.alarms.note(event, &entry);
+        let change = pages.alarms.note(event, &entry);
+        if let Some(listener) = &self.listener {
+            listener(Happened { event, entry: &entry, change: &change });
+        }
         if let Some(unkept) = &mut pages.unkept {
             unkept.push(at, entry.clone());
         }

@@ -328,6 +328,7 @@ impl Event {
             Event::Page(port) => port.described(),
             Event::Token(token) => token.described(),
             Event::Broker(broker) => broker.described(),
+            Event::Delivery(delivery) => delivery.described(),
             #[cfg(feature = "opcua")]
             Event::Certificate(expiry) => expiry.described(),
         }

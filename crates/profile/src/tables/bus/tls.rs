@@ -134,7 +134,12 @@ fn pem(at: &At<'_>, key: &str, name: Option<&String>, help: &str) -> Option<PemF
         at.missing(format!("`{key}` is missing: Modbus/TCP Security needs it"), help);
         return None;
     };
+    pem_file(&at, name, help)
+}
+
+/// The file that this key names.
+pub(in crate::tables) fn pem_file(at: &At<'_>, name: &str, help: &str) -> Option<PemFile> {
     let bytes = at.file(name, help)?;
     let named_at = at.check.spans.at_value(&at.path, "", Some(help.to_owned()));
-    Some(PemFile { name: name.clone(), bytes, named_at })
+    Some(PemFile { name: name.to_owned(), bytes, named_at })
 }

@@ -1,0 +1,196 @@
+//! `[[notify]]`: where what happens is posted, as JSON over HTTP.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use schemars::{JsonSchema, Schema};
+use serde::Deserialize;
+
+use super::At;
+use super::bus::tls::{PemFile, pem_file};
+use crate::document::Section;
+use crate::span::element;
+use url::Url;
+
+pub(crate) mod url;
+
+/// So many of them have a queue and a connection each.
+const MOST: usize = 16;
+
+/// An alarm is raised, whatever it is about.
+pub const ALARM: &str = "alarm";
+/// One that stood has come to its end.
+pub const ALARM_OVER: &str = "alarm-over";
+/// An axis that followed a model does not any more, and nobody has stopped the gateway.
+pub const AXIS_OFF: &str = "axis-off";
+
+/// What stands in a register is not what was written, or nobody knows.
+pub const UNVERIFIED: &str = "unverified";
+/// The time of this computer is not what it was taken for.
+pub const CLOCK: &str = "clock";
+
+/// What can be posted: the five words above, and every kind of event. What people ask for most comes first, because of a word
+/// that is none a part of the list is shown.
+#[rustfmt::skip]
+pub const TRIGGERS: [&str; 98] = [
+    ALARM, ALARM_OVER, AXIS_OFF, UNVERIFIED, CLOCK, "axis-state", "disarmed", "armed", "arm-refused", "arm-ended",
+    "waits-to-arm", "goes-on", "device-lost", "device-back", "link-down", "link-up", "bus-trouble", "bus-well", "signal-bad",
+    "signal-good", "write-failed", "verify-failed", "verified", "not-applied", "foreign-change", "heartbeat-failed",
+    "heartbeat-written", "cnc-restarted", "cnc-booted", "extrapolating", "interpolating", "model-ages", "at-limit", "warned",
+    "beyond-error", "saturated", "frozen", "stood-in", "stand-in-over", "clock-set", "clock-doubtful", "certificate-expires",
+    "certificate-expired", "task-failed", "not-as-expected", "as-expected", "emergency", "emergency-over", "node-reset",
+    "interlocked", "released", "ledger-doubt", "first-account", "ledger-opened", "operator-change", "own-write-late",
+    "perhaps-from-before", "waits-for-late-write", "not-read-back", "acknowledge-early", "acknowledge-missing",
+    "acknowledge-not-read", "acknowledge-stuck", "strobe-not-written", "strobe-not-dropped", "probed", "probe-refused",
+    "probe-forgotten", "sign-checked", "sign-ended", "rereferenced", "machine-started", "zeroed", "overrun",
+    "pipeline-given-up", "subscription", "stood-still", "started", "stopping", "stopped", "template-changed", "not-kept",
+    "kept-again", "not-believed", "taken-from-earlier", "events-lost", "events-full", "logs-deleted", "page-closed",
+    "page-open", "token-changed", "token-gone", "notify-failed", "notify-back", "notify-dropped", "command",
+    "command-refused", "command-dropped",
+];
+
+/// Where what happens is posted.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Notify")]
+pub(crate) struct RawNotify {
+    /// Where it is posted: "https://alarms.plant.example/isotherm", or http. No user and no password stands in it; `{token}` is
+    /// where the token belongs, if that is not beside the address.
+    #[schemars(required)]
+    url: Option<String>,
+    /// What is posted: kinds of events, "axis-off" (an axis that followed a model does not any more), "unverified" (what stands in a
+    /// register is not what was written, or not known), "clock", "alarm" and "alarm-over".
+    #[schemars(required)]
+    on: Option<Vec<Trigger>>,
+    /// A file, beside the profile, with the token that is sent along (`Authorization: Bearer …`, or in the place of `{token}`), not
+    /// readable by others. It is read anew for every message.
+    token_file: Option<String>,
+    /// A PEM file, beside the profile, with who signs the server's certificate, or that very certificate. Default: whom this
+    /// computer trusts.
+    ca: Option<String>,
+}
+
+/// Without its address, of which a part may be secret.
+impl fmt::Debug for RawNotify {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("RawNotify").field("on", &self.on).finish_non_exhaustive()
+    }
+}
+
+/// A word of [`TRIGGERS`]: the walk against the schema has compared it.
+#[derive(Debug, Deserialize)]
+#[serde(transparent)]
+struct Trigger(String);
+
+impl JsonSchema for Trigger {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Trigger".into()
+    }
+
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn json_schema(_: &mut schemars::SchemaGenerator) -> Schema {
+        schemars::json_schema!({ "type": "string", "enum": TRIGGERS.as_slice() })
+    }
+}
+
+/// Where what happens is posted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Notify {
+    /// Its place in the profile: `notify[0]`.
+    pub name: String,
+    /// Where it is posted.
+    pub url: Url,
+    /// What is: words of [`TRIGGERS`].
+    pub on: Vec<&'static str>,
+    /// A file with the token that is sent along.
+    pub token_file: Option<PathBuf>,
+    /// The certificates that are trusted; `None`: those that this computer trusts.
+    pub ca: Option<PemFile>,
+}
+
+/// All of them.
+pub(super) fn resolve(at: &At<'_>, raw: &[RawNotify]) -> Vec<Notify> {
+    if raw.len() > MOST {
+        let help = "have one server pass it on to the others";
+        at.wrong_key(format!("{} of them: at most {MOST} are served", raw.len()), help);
+        return Vec::new();
+    }
+    raw.iter().enumerate().filter_map(|(place, raw)| raw.resolve(&at.item(place), place)).collect()
+}
+
+impl RawNotify {
+    fn resolve(&self, at: &At<'_>, place: usize) -> Option<Notify> {
+        let url = self.url.as_ref().and_then(|url| {
+            let wrong = |(message, help): (String, &str)| at.key("url").wrong(message, help);
+            Url::parse(url).map_err(wrong).ok()
+        });
+        let on = self.on.as_ref().and_then(|on| triggers(&at.key("on"), on));
+        if self.ca.is_some() && url.as_ref().is_some_and(|url| !url.tls) {
+            at.foreign(&["ca"], "https", "remove it, or write https:// in `url`");
+        }
+        let ca = match &self.ca {
+            None => Some(None),
+            Some(name) => {
+                let help = "name a PEM file beside the profile with the certificate of the authority that signed the server's, or \
+                            with the server's own";
+                pem_file(&at.key("ca"), name, help).map(Some)
+            }
+        };
+        if self.token_file.is_none() && url.as_ref().is_some_and(Url::has_token) {
+            let help = "name the file with the token in `token_file`";
+            at.key("url").wrong("a token belongs into it, and there is none", help);
+        }
+        at.key("token_file").secret(self.token_file.as_ref());
+        if self.token_file.is_some() && url.as_ref().is_some_and(|url| !url.tls && !url.is_loopback()) {
+            let help = "write https:// in `url`, where the server can do it";
+            at.key("token_file").warn("the token goes over the network in plain text", help);
+        }
+        let token_file = self.token_file.as_ref().map(|name| PathBuf::from(at.check.files.path(name)));
+        Some(Notify { name: element("notify", place), url: url?, on: on?, token_file, ca: ca? })
+    }
+}
+
+fn triggers(at: &At<'_>, written: &[Trigger]) -> Option<Vec<&'static str>> {
+    if written.is_empty() {
+        at.wrong("nothing would ever be posted", format!("write on = [\"{ALARM}\", \"{ALARM_OVER}\"]"));
+        return None;
+    }
+    let mut on = Vec::new();
+    for (place, Trigger(word)) in written.iter().enumerate() {
+        let known = TRIGGERS.into_iter().find(|known| known == word)?;
+        if on.contains(&known) {
+            at.item(place).warn(format!("`{known}` stands there twice"), "remove one: it is posted once");
+        } else {
+            on.push(known);
+        }
+    }
+    Some(on)
+}
+
+impl Notify {
+    /// Where what is posted.
+    pub(crate) fn preview(&self) -> Section {
+        let mut section = Section::default();
+        let (to, on) = (self.url.to_string(), self.on.join(", "));
+        let token = self.token_file.as_ref().map(|file| file.display().to_string());
+        let with = token.as_ref().map_or(String::new(), |file| {
+            let place = if self.url.has_token() { " as a part of the address" } else { "" };
+            format!(", with the token in {file}{place}")
+        });
+        let trusts = match (&self.ca, self.url.tls) {
+            (_, false) => ", in plain text".to_owned(),
+            (Some(ca), true) => format!(", trusting {}", ca.name),
+            (None, true) => ", trusting whom this computer trusts".to_owned(),
+        };
+        section.line(format!("  {} to {to}{with}{trusts}: {on}", self.name));
+        section.entry("name", &self.name);
+        section.entry("to", to);
+        section.entry("on", &self.on);
+        section.entry("token_file", token);
+        section.entry("trusts", self.ca.as_ref().map(|ca| &ca.name));
+        section
+    }
+}

@@ -1,0 +1,199 @@
+//! The address of a web server, as a profile writes it. What of it may be secret, its path and its query, is shown nowhere.
+
+use std::fmt;
+use std::net::{IpAddr, Ipv6Addr};
+
+/// Of an address that is longer something has gone wrong with copying.
+const LONGEST: usize = 2000;
+/// Where the token belongs that is in a file of its own, in an address that has it.
+const TOKEN: &str = "{token}";
+
+/// An address over http or https, in its parts.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Url {
+    /// It is https.
+    pub tls: bool,
+    /// The name or address of the server, without brackets.
+    pub host: String,
+    /// Its port.
+    pub port: u16,
+    /// Path and query, as a request has them but for the token.
+    target: String,
+}
+
+/// Scheme, host and port: the rest may hold what only the server is to know.
+impl fmt::Display for Url {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}://{}", if self.tls { "https" } else { "http" }, self.authority())
+    }
+}
+
+impl fmt::Debug for Url {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, f)
+    }
+}
+
+/// What is wrong with it, and the remedy. Of the address itself nothing is quoted.
+type Wrong = (String, &'static str);
+
+const WRITE: &str = "write it as \"https://alarms.plant.example/isotherm\"";
+
+impl Url {
+    /// The parts of an address.
+    ///
+    /// # Errors
+    /// What is wrong with it, and the remedy.
+    pub fn parse(text: &str) -> Result<Url, Wrong> {
+        let wrong = |message: &str, help| Err((message.to_owned(), help));
+        let (scheme, rest) = text.split_once("://").unwrap_or_default();
+        let tls = match scheme.to_ascii_lowercase().as_str() {
+            "https" => true,
+            "http" => false,
+            _ => return wrong("it does not begin with https:// or http://", WRITE),
+        };
+        if text.len() > LONGEST {
+            return Err((format!("it has {} characters, more than {LONGEST}", text.len()), WRITE));
+        }
+        let end = rest.find(['/', '?', '#']).unwrap_or(rest.len());
+        let (authority, target) = rest.split_at(end);
+        if !is_of_an_address(authority) || !target.split(TOKEN).all(is_of_an_address) {
+            return wrong(
+                "it has characters that no address has",
+                "write them as % and two digits (a space is %20), a name with other letters as its registry has it (xn--…), and \
+                 `{token}` once where the token belongs",
+            );
+        }
+        if target.matches(TOKEN).count() > 1 {
+            return wrong("the token stands in it more than once", "write `{token}` once");
+        }
+        if authority.contains('@') {
+            return wrong(
+                "a URL in a profile names no user and no password",
+                "remove what stands before `@`, and put a token into a file that `token_file` names",
+            );
+        }
+        if target.contains('#') {
+            return wrong("it has a part behind `#`, which is never sent", "remove it");
+        }
+        let Some((host, port)) = host_and_port(authority, tls) else {
+            return wrong("it has no host, or no port that is one", WRITE);
+        };
+        let slash = if target.starts_with('/') { "" } else { "/" };
+        Ok(Url { tls, host: host.to_owned(), port, target: format!("{slash}{target}") })
+    }
+
+    /// The token belongs into the address, and not beside it.
+    pub fn has_token(&self) -> bool {
+        self.target.contains(TOKEN)
+    }
+
+    /// Path and query as a request has them; `None` where no address can have such a token.
+    pub fn target(&self, token: Option<&str>) -> Option<String> {
+        let token = token.unwrap_or_default();
+        (is_of_an_address(token) && !token.contains('#')).then(|| self.target.replacen(TOKEN, token, 1))
+    }
+
+    /// Host and port as a request names them: the port only where it is not the scheme's own.
+    pub fn authority(&self) -> String {
+        let host = if self.host.contains(':') { format!("[{}]", self.host) } else { self.host.clone() };
+        if self.port == usual(self.tls) { host } else { format!("{host}:{}", self.port) }
+    }
+
+    /// What is sent there never leaves this computer.
+    pub(super) fn is_loopback(&self) -> bool {
+        self.host == "localhost" || self.host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
+    }
+}
+
+fn is_of_an_address(text: &str) -> bool {
+    text.bytes().all(|byte| byte.is_ascii_graphic() && !b"\"<>\\^`{|}".contains(&byte))
+}
+
+fn usual(tls: bool) -> u16 {
+    if tls { 443 } else { 80 }
+}
+
+fn host_and_port(authority: &str, tls: bool) -> Option<(&str, u16)> {
+    let (host, port) = match authority.strip_prefix('[') {
+        Some(rest) => {
+            let (host, port) = rest.split_once(']')?;
+            host.parse::<Ipv6Addr>().ok()?;
+            (host, port)
+        }
+        None => {
+            let (host, port) = authority.split_at(authority.find(':').unwrap_or(authority.len()));
+            let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-._".contains(&byte);
+            (!host.is_empty() && host.bytes().all(is_plain)).then_some((host, port))?
+        }
+    };
+    let port = match port.strip_prefix(':') {
+        Some(port) => port.parse().ok().filter(|port| *port > 0)?,
+        None if port.is_empty() => usual(tls),
+        None => return None,
+    };
+    Some((host, port))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_is_taken_apart_and_shown_without_what_may_be_secret() {
+        for (text, shown, authority, target) in [
+            ("https://a.example/b?c=d", "https://a.example", "a.example", "/b?c=d"),
+            ("HTTP://a.example", "http://a.example", "a.example", "/"),
+            ("http://10.0.0.7:8080/x", "http://10.0.0.7:8080", "10.0.0.7:8080", "/x"),
+            ("https://[::1]:8443?k", "https://[::1]:8443", "[::1]:8443", "/?k"),
+            ("https://a:443/", "https://a", "a", "/"),
+        ] {
+            let url = Url::parse(text).unwrap();
+            assert_eq!(
+                (url.to_string(), url.authority(), url.target(None)),
+                (shown.into(), authority.into(), Some(target.into()))
+            );
+            assert_eq!((format!("{url:?}"), url.has_token()), (shown.into(), false));
+        }
+    }
+
+    #[test]
+    fn a_token_stands_where_the_address_has_its_place_and_only_one_that_an_address_can_have() {
+        let url = Url::parse("https://hooks.example/in/{token}/x?y").unwrap();
+        assert!(url.has_token());
+        for (token, target) in [
+            ("T0/B1/z%20?k=v", Some("/in/T0/B1/z%20?k=v/x?y")),
+            ("a b", None),
+            ("a\r\nX:", None),
+            ("a#b", None),
+            ("{token}", None),
+        ] {
+            assert_eq!(url.target(Some(token)).as_deref(), target, "{token}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_address_is_refused_and_nothing_of_it_is_quoted() {
+        for (text, why) in [
+            ("alarms.secret.example", "does not begin with"),
+            ("ftp://secret/", "does not begin with"),
+            ("https://user:secret@host/", "names no user"),
+            ("https:///secret", "no host"),
+            ("https://host:0/secret", "no port"),
+            ("https://host:99999/secret", "no port"),
+            ("https://[::secret]/", "no host"),
+            ("https://host/secret#x", "behind `#`"),
+            ("https://host/se cret", "characters that no address has"),
+            ("https://hüst/secret", "characters that no address has"),
+            ("https://host/secret\r\nX: y", "characters that no address has"),
+            ("https://host/{secret}", "characters that no address has"),
+            ("https://{token}/secret", "characters that no address has"),
+            ("https://host/{token}/secret/{token}", "more than once"),
+        ] {
+            let (message, help) = Url::parse(text).unwrap_err();
+            assert!(message.contains(why) && !message.contains("secret"), "{text}: {message}");
+            assert!(!help.contains("secret"), "{help}");
+        }
+        assert!(Url::parse(&format!("https://a/{}", "x".repeat(2000))).unwrap_err().0.contains("2010"));
+    }
+}

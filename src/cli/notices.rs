@@ -1,0 +1,80 @@
+//! What is posted to the servers of `[[notify]]`: whom they are trusted by, and whether they are there.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde::Serialize;
+
+use crate::fieldbus::tls;
+use crate::observe::notify::{Server, Trust, read_token};
+use isotherm_profile::{Notify, Profile};
+
+/// How long a server is waited for that is only looked at.
+const WITHIN: Duration = Duration::from_secs(10);
+
+/// Whom the server's certificate is compared with.
+pub(super) fn trust(notify: &Notify) -> Trust {
+    tls::visitor(notify.ca.as_ref().map(|ca| ca.bytes.as_slice())).map(Arc::new)
+}
+
+/// What keeps messages from being posted from this computer as it is.
+pub(super) fn hindered(profile: &Profile) -> Vec<String> {
+    let of = |notify: &Notify| {
+        let token = notify.token_file.as_ref().and_then(|path| read_token(path).err());
+        let trust = notify.url.tls.then(|| trust(notify).err()).flatten();
+        let said = token.into_iter().chain(trust);
+        said.map(|why| format!("{}: {why}: nothing is posted without it", notify.name)).collect::<Vec<_>>()
+    };
+    profile.notify.iter().flat_map(of).collect()
+}
+
+/// What came of a look at a server.
+#[derive(Debug, Serialize)]
+pub(super) struct Looked {
+    name: String,
+    to: String,
+    fault: Option<String>,
+}
+
+/// Connects to each server, to all at once, as far as to the end of a TLS handshake; nothing is posted.
+pub(super) fn look(profile: &Profile) -> anyhow::Result<Vec<Looked>> {
+    if profile.notify.is_empty() {
+        return Ok(Vec::new());
+    }
+    let runtime = super::runtime()?;
+    let looked = runtime.block_on(async {
+        let look = |notify: &Notify| {
+            let server = Server::of(notify, trust(notify));
+            tokio::spawn(async move { server.reached(WITHIN).await })
+        };
+        let looks: Vec<_> = profile.notify.iter().map(|notify| (notify, look(notify))).collect();
+        let mut looked = Vec::new();
+        for (notify, look) in looks {
+            let fault = look.await?.err().map(|fault| fault.to_string());
+            looked.push(Looked { name: notify.name.clone(), to: notify.url.to_string(), fault });
+        }
+        anyhow::Ok(looked)
+    });
+    // A name that is still looked up is not waited for.
+    runtime.shutdown_background();
+    looked
+}
+
+impl Looked {
+    /// The line of `check --online`.
+    pub(super) fn line(&self) -> String {
+        let Looked { name, to, fault } = self;
+        match fault {
+            None => format!("  {name} ({to}): is there; nothing was posted"),
+            Some(fault) => format!("  {name} ({to}): {fault}"),
+        }
+    }
+
+    /// A server that is not there is a failure of the verb.
+    pub(super) fn judge(all: &[Looked]) -> anyhow::Result<()> {
+        let absent = all.iter().find_map(|looked| Some((looked, looked.fault.as_ref()?)));
+        absent.map_or(Ok(()), |(looked, fault)| {
+            Err(anyhow::anyhow!("{}: nothing can be posted to {}: {fault}", looked.name, looked.to))
+        })
+    }
+}

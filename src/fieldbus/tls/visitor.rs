@@ -1,0 +1,72 @@
+//! A client that shows no certificate, and whom it trusts: what is posted to a server goes so.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use tokio_rustls::rustls::crypto::ring::default_provider;
+use tokio_rustls::rustls::{ClientConfig, RootCertStore};
+
+use super::client::Trust;
+use super::pem::certificates;
+use isotherm_profile::regular;
+
+/// Where the systems that there are keep the authorities that they trust, in one file.
+const BUNDLES: [&str; 4] = [
+    "/etc/ssl/certs/ca-certificates.crt",
+    "/etc/pki/tls/certs/ca-bundle.crt",
+    "/etc/ssl/ca-bundle.pem",
+    "/etc/ssl/cert.pem",
+];
+
+/// TLS 1.2 or 1.3 that trusts what is in `ca`, a file in PEM form, or without one whom this computer trusts.
+///
+/// # Errors
+/// A sentence: there is nobody to be trusted.
+pub fn visitor(ca: Option<&[u8]>) -> Result<ClientConfig, String> {
+    let config = ClientConfig::builder_with_provider(Arc::new(default_provider()))
+        .with_safe_default_protocol_versions()
+        .map_err(|error| error.to_string())?;
+    let config = match ca {
+        Some(ca) => {
+            let trust = Arc::new(Trust::new(&certificates(ca)?)?);
+            config.dangerous().with_custom_certificate_verifier(trust)
+        }
+        None => config.with_root_certificates(of_this_computer(BUNDLES.map(Path::new))?),
+    };
+    Ok(config.with_no_client_auth())
+}
+
+/// The authorities in the first of these files that has some.
+fn of_this_computer<'a>(bundles: impl IntoIterator<Item = &'a Path>) -> Result<RootCertStore, String> {
+    for bundle in bundles {
+        let mut roots = RootCertStore::empty();
+        // A system has authorities of forms that nobody here can read beside the others.
+        let found = regular::read(bundle, regular::LARGEST).ok().and_then(|text| certificates(&text).ok());
+        roots.add_parsable_certificates(found.into_iter().flatten());
+        if !roots.is_empty() {
+            return Ok(roots);
+        }
+    }
+    Err("this computer trusts nobody: install its authorities (`ca-certificates`), or name one with `ca`"
+        .to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_file_with_authorities_is_taken_and_without_one_it_is_said_what_to_do() {
+        let home = tempfile::tempdir().unwrap();
+        let [empty, full] = ["empty.pem", "full.pem"].map(|name| home.path().join(name));
+        std::fs::write(&empty, "# none\n").unwrap();
+        let key = rcgen::KeyPair::generate().unwrap();
+        let mut params = rcgen::CertificateParams::new(Vec::new()).unwrap();
+        params.is_ca = rcgen::IsCa::Ca(rcgen::BasicConstraints::Unconstrained);
+        std::fs::write(&full, params.self_signed(&key).unwrap().pem()).unwrap();
+        let none = home.path().join("not-there.pem");
+        let found = of_this_computer([none.as_path(), &empty, &full]).unwrap();
+        assert_eq!(found.len(), 1);
+        assert!(of_this_computer([none.as_path(), &empty]).unwrap_err().contains("name one with `ca`"));
+    }
+}

@@ -1,0 +1,72 @@
+//! What becomes of the messages that are posted to the servers of `[[notify]]`.
+
+use serde::Serialize;
+
+use super::{Described, info, warning};
+
+/// Whether messages arrive.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(untagged)]
+pub enum Delivery {
+    /// One did not; what follows is told when one has.
+    Failed {
+        /// Whose messages: `notify[0]`.
+        notify: String,
+        /// Scheme, host and port.
+        to: String,
+        /// A sentence.
+        why: String,
+    },
+    /// They arrive again.
+    Back {
+        /// Whose messages.
+        notify: String,
+        /// Scheme, host and port.
+        to: String,
+        /// So often it was tried in vain.
+        attempts: u64,
+    },
+    /// So many were given up, or had no room.
+    Dropped {
+        /// Whose messages.
+        notify: String,
+        /// Scheme, host and port.
+        to: String,
+        /// How many.
+        count: u64,
+    },
+}
+
+impl Delivery {
+    pub(super) fn described(&self) -> Described {
+        match self {
+            Delivery::Failed { notify, to, why } => warning(
+                "notify-failed",
+                format!(
+                    "{notify}: a message to {to} has not arrived: {why}; it is tried again a few times, and the machine is held \
+                     without it"
+                ),
+            ),
+            Delivery::Back { notify, to, attempts } => info(
+                "notify-back",
+                format!("{notify}: messages to {to} arrive again after {attempts} attempts in vain"),
+            ),
+            Delivery::Dropped { notify, to, count } => warning(
+                "notify-dropped",
+                format!(
+                    "{notify}: {count} messages to {to} were dropped and never arrive; `isotherm events` has what they were about"
+                ),
+            ),
+        }
+    }
+
+    /// Whose messages: to him it is not posted, who does not get any.
+    #[must_use]
+    pub fn notify(&self) -> &str {
+        match self {
+            Delivery::Failed { notify, .. }
+            | Delivery::Back { notify, .. }
+            | Delivery::Dropped { notify, .. } => notify,
+        }
+    }
+}

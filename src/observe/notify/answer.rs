@@ -1,0 +1,116 @@
+//! What a server answers: the first lines of HTTP/1.1, as far as they say whether it has taken the message.
+
+use std::time::Duration;
+
+use tokio::io::{AsyncRead, AsyncReadExt};
+
+use super::post::Failure;
+use isotherm_profile::Url;
+
+/// All that is read of an answer.
+const LONGEST: usize = 16 * 1024;
+/// So it begins.
+const BEGIN: &[u8] = b"HTTP/1.";
+/// A server may ask for a longer pause than ours, and not for a longer one than this.
+const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
+
+/// Whether the server says that it has the message. What stands behind its head is not read.
+pub(super) async fn read(mut stream: impl AsyncRead + Unpin) -> Result<(), Failure> {
+    let (mut bytes, mut all) = (Vec::with_capacity(1024), 0);
+    loop {
+        // A server may say before its answer that it is at work.
+        while let Some((head, rest)) = head(&bytes) {
+            match judged(&String::from_utf8_lossy(&bytes[..head]))? {
+                Judged::NotYet => drop(bytes.drain(..rest)),
+                Judged::Taken => return Ok(()),
+            }
+        }
+        if all > LONGEST || !BEGIN.starts_with(&bytes[..bytes.len().min(BEGIN.len())]) {
+            return Err(Failure::NoHttp);
+        }
+        match stream.read_buf(&mut bytes).await {
+            Ok(0) => return Err(Failure::Closed),
+            Ok(count) => all += count,
+            Err(error) => return Err(Failure::broken(&error)),
+        }
+    }
+}
+
+/// Where the first head ends, and where what stands behind it begins.
+fn head(bytes: &[u8]) -> Option<(usize, usize)> {
+    let end = bytes.windows(4).position(|window| window == b"\r\n\r\n")?;
+    Some((end, end + 4))
+}
+
+enum Judged {
+    NotYet,
+    Taken,
+}
+
+fn judged(head: &str) -> Result<Judged, Failure> {
+    let mut lines = head.split("\r\n");
+    let status = lines.next().filter(|status| status.as_bytes().starts_with(BEGIN)).ok_or(Failure::NoHttp)?;
+    let code = status.split(' ').nth(1).and_then(|code| code.parse::<u16>().ok());
+    let code = code.filter(|code| (100..1000).contains(code)).ok_or(Failure::NoHttp)?;
+    let headers: Vec<(&str, &str)> = lines.filter_map(|line| line.split_once(':')).collect();
+    let value = |name: &str| {
+        let found = headers.iter().find(|(key, _)| key.trim().eq_ignore_ascii_case(name));
+        found.map(|(_, value)| value.trim())
+    };
+    match code {
+        100..200 => Ok(Judged::NotYet),
+        200..300 => Ok(Judged::Taken),
+        300..400 => Err(Failure::Elsewhere(code, value("location").map(shown))),
+        _ => {
+            let pause = value("retry-after").and_then(|text| text.parse().ok()).map(Duration::from_secs);
+            Err(Failure::Answered(code, pause.map(|pause| pause.min(LONGEST_PAUSE))))
+        }
+    }
+}
+
+/// Where a redirection leads, without what may be secret of it.
+fn shown(location: &str) -> String {
+    Url::parse(location).map_or("another path of the same server".to_owned(), |url| url.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    async fn told(text: &str) -> Result<(), Failure> {
+        read(text.as_bytes()).await
+    }
+
+    #[tokio::test]
+    async fn an_answer_is_taken_by_its_code_and_what_is_none_is_refused() {
+        assert_eq!(told("HTTP/1.1 204 No Content\r\n\r\n").await, Ok(()));
+        assert_eq!(told("HTTP/1.1 100 Continue\r\n\r\nHTTP/1.0 200 OK\r\nA: b\r\n\r\nbody").await, Ok(()));
+        let answered =
+            |code, pause: Option<u64>| Err(Failure::Answered(code, pause.map(Duration::from_secs)));
+        assert_eq!(told("HTTP/1.1 500\r\n\r\n").await, answered(500, None));
+        assert_eq!(told("HTTP/1.1 429 Slow\r\nretry-AFTER: 7\r\n\r\n").await, answered(429, Some(7)));
+        assert_eq!(told("HTTP/1.1 503 No\r\nRetry-After: 99999999\r\n\r\n").await, answered(503, Some(3600)));
+        assert_eq!(told("HTTP/1.1 503 No\r\nRetry-After: Fri, 31 Dec\r\n\r\n").await, answered(503, None));
+        for (text, place) in [
+            ("HTTP/1.1 302 F\r\nLocation: https://b.example/login?secret=1\r\n\r\n", "https://b.example"),
+            ("HTTP/1.1 302 F\r\nLocation: /secret\r\n\r\n", "another path of the same server"),
+        ] {
+            assert_eq!(told(text).await, Err(Failure::Elsewhere(302, Some(place.to_owned()))));
+        }
+        for text in [
+            "SSH-2.0-OpenSSH_9\r\n",
+            "HTTP/2 200\r\n\r\n",
+            "HTTP/1.1 abc\r\n\r\n",
+            "HTTP/1.1 20\r\n\r\n",
+            "HTTP/1.1 100 C\r\n\r\nSSH 200 OK\r\n\r\n",
+        ] {
+            assert_eq!(told(text).await, Err(Failure::NoHttp), "{text}");
+        }
+        assert_eq!(told("").await, Err(Failure::Closed));
+        assert_eq!(told("HTTP/1.1 200 OK\r\nA: b\r\n").await, Err(Failure::Closed));
+        let endless = format!("HTTP/1.1 200 OK\r\nA: {}", "b".repeat(20_000));
+        assert_eq!(told(&endless).await, Err(Failure::NoHttp));
+        let never = "HTTP/1.1 102 Processing\r\n\r\n".repeat(2000);
+        assert_eq!(told(&never).await, Err(Failure::NoHttp));
+    }
+}

@@ -1,0 +1,130 @@
+//! When what is tried again.
+
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::time::Duration;
+
+use tokio::sync::watch;
+
+use super::outbox::Outbox;
+use super::post::{Failure, Post};
+use crate::observe::events::Delivery;
+
+/// So many attempts in a row that were in vain are reported.
+const TOLD: u32 = 2;
+
+/// How patient a courier is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rules {
+    /// A server has this long to take a message.
+    pub timeout: Duration,
+    /// The pause after the first failure in a row; each is twice the one before.
+    pub first_pause: Duration,
+    /// No pause of ours is longer; a server may ask for a longer one.
+    pub longest_pause: Duration,
+    /// A message is tried so often.
+    pub attempts: u32,
+}
+
+impl Default for Rules {
+    /// A first message is tried for a quarter of an hour.
+    fn default() -> Rules {
+        Rules {
+            timeout: Duration::from_secs(10),
+            first_pause: Duration::from_secs(1),
+            longest_pause: Duration::from_secs(120),
+            attempts: 12,
+        }
+    }
+}
+
+impl Rules {
+    /// The pause after so many failures in a row. A hundred gateways of one server do not come back to it in the same moment.
+    fn pause(&self, failures: u32) -> Duration {
+        let doubled = 2_u32.saturating_pow(failures.saturating_sub(1));
+        let pause = self.first_pause.saturating_mul(doubled).min(self.longest_pause);
+        let drawn = RandomState::new().build_hasher().finish() % 256;
+        pause.mul_f64(0.75 + f64::from(u8::try_from(drawn).unwrap_or_default()) / 1024.0)
+    }
+}
+
+/// Takes messages to a server, one after the other, until it is told to stop and none waits.
+pub(super) async fn carry(
+    outbox: &Outbox,
+    server: &impl Post,
+    rules: Rules,
+    report: impl Fn(Delivery),
+    mut stopped: watch::Receiver<bool>,
+) {
+    let (notify, to) = (&outbox.notify().name, outbox.notify().url.to_string());
+    // In a row, whatever messages they were about.
+    let (mut failures, mut is_told, mut was_silent) = (0_u32, false, false);
+    loop {
+        let message = match outbox.take() {
+            Some(message) => message,
+            None => tokio::select! {
+                message = outbox.next() => message,
+                // It may have come in between.
+                () = ends(&mut stopped) => match outbox.take() {
+                    Some(message) => message,
+                    None => return,
+                },
+            },
+        };
+        let mut attempt = 1;
+        loop {
+            let told = outbox.dropped();
+            let body = message.json(told).to_string();
+            let posted = tokio::select! {
+                biased;
+                // A stop waits for nobody who has said nothing before.
+                () = ends(&mut stopped), if was_silent => return,
+                posted = tokio::time::timeout(rules.timeout, server.post(&body)) => posted,
+            };
+            let Err(failure) = posted.unwrap_or(Err(Failure::Silent(rules.timeout))) else {
+                was_silent = false;
+                let attempts = u64::from(std::mem::take(&mut failures));
+                if std::mem::take(&mut is_told) {
+                    report(Delivery::Back { notify: notify.clone(), to: to.clone(), attempts });
+                }
+                if let Some(count) = outbox.arrived(told) {
+                    report(Delivery::Dropped { notify: notify.clone(), to: to.clone(), count });
+                }
+                break;
+            };
+            (failures, was_silent) = (failures.saturating_add(1), failure.is_silence());
+            // One attempt in vain is no news where the next one is not.
+            if !is_told && (failures >= TOLD || failure.is_final()) {
+                is_told = true;
+                report(Delivery::Failed { notify: notify.clone(), to: to.clone(), why: failure.to_string() });
+            }
+            if *stopped.borrow() {
+                // What is left is counted by whoever has stopped it.
+                return;
+            }
+            let is_given_up = failure.is_final() || attempt >= rules.attempts;
+            if is_given_up {
+                outbox.given_up();
+            }
+            // A server that refuses one message is well, and may take the next.
+            if !failure.is_final() {
+                let pause = rules.pause(failures).max(failure.pause().unwrap_or_default());
+                tokio::select! {
+                    () = tokio::time::sleep(pause) => {}
+                    () = ends(&mut stopped) => {}
+                }
+            }
+            if is_given_up {
+                break;
+            }
+            attempt += 1;
+        }
+    }
+}
+
+async fn ends(stopped: &mut watch::Receiver<bool>) {
+    // An error means that whoever would say it is gone.
+    let _ = stopped.wait_for(|stopped| *stopped).await;
+}
+
+#[cfg(test)]
+mod tests;

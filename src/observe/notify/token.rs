@@ -1,0 +1,71 @@
+//! The token that a server wants: read anew for each message, because somebody may have changed it.
+
+use std::io::{ErrorKind, Read};
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+
+use isotherm_profile::regular;
+
+/// More than that no server takes in a head.
+const LONGEST: u64 = 4096;
+/// What anybody may do with a file.
+const OTHERS: u32 = 0o007;
+
+/// The token in a file.
+///
+/// # Errors
+/// A sentence with the file and what to do. Of what is in it nothing is quoted.
+pub fn read(path: &Path) -> Result<String, String> {
+    let at = path.display();
+    let cannot = |error: std::io::Error| match error.kind() {
+        ErrorKind::NotFound => format!("the token file {at} is not there"),
+        _ => format!("the token file {at} cannot be read: {}", regular::without_numbers(&error.to_string())),
+    };
+    let file = regular::open(path).map_err(cannot)?;
+    if file.metadata().map_err(cannot)?.mode() & OTHERS != 0 {
+        return Err(format!("the token file {at} is open to everybody on this computer: chmod 600 {at}"));
+    }
+    let mut text = String::new();
+    let length = file.take(LONGEST + 1).read_to_string(&mut text).map_err(cannot)?;
+    let token = text.trim();
+    match () {
+        () if token.is_empty() => Err(format!("the token file {at} is empty")),
+        () if length as u64 > LONGEST => Err(format!("the token file {at} is larger than 4 kB")),
+        () if !token.bytes().all(|byte| byte.is_ascii_graphic()) => Err(format!(
+            "the token in {at} has spaces, more than one line, or letters that no request can carry"
+        )),
+        () => Ok(token.to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    #[test]
+    fn what_is_no_token_is_refused_in_words_and_nothing_of_it_is_quoted() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("notify.token");
+        assert!(read(&path).unwrap_err().ends_with("notify.token is not there"));
+        let long = "secret".repeat(1000);
+        for (text, mode, why) in [
+            ("secret-token\n", 0o600, None),
+            ("secret", 0o640, None),
+            ("secret", 0o604, Some("chmod 600")),
+            ("", 0o600, Some("is empty")),
+            ("secret\nsecret", 0o600, Some("more than one line")),
+            ("sécret", 0o600, Some("letters that no request can carry")),
+            (&long, 0o600, Some("larger than 4 kB")),
+        ] {
+            let _ = std::fs::remove_file(&path);
+            std::fs::write(&path, text).unwrap();
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
+            match (read(&path), why) {
+                (Ok(token), None) => assert_eq!(token, text.trim()),
+                (Err(said), Some(why)) => assert!(said.contains(why) && !said.contains("secret"), "{said}"),
+                (found, _) => panic!("{text:?} {mode:o}: {found:?}"),
+            }
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! `[[notify]]`: where what is posted.
+
+use isotherm_profile::TRIGGERS;
+use isotherm_profile::preview::Preview;
+
+use super::*;
+
+const TABLE: &str =
+    "[[notify]]\nurl = \"https://hooks.example/in/hidden?key=hidden\"\non = [\"alarm\", \"device-lost\"]\n";
+
+fn posts(table: &str) -> String {
+    format!("{GRINDER}\n{table}")
+}
+
+#[track_caller]
+fn is_refused(from: &str, to: &str, key: &str, at: &str, words: &[&str]) {
+    assert!(TABLE.contains(from), "{from}");
+    let error = only_error(&posts(&TABLE.replacen(from, to, 1)), key, at);
+    for word in words {
+        assert!(error.to_string().contains(word), "`{word}` is not in: {error}");
+    }
+}
+
+#[test]
+fn where_what_is_posted_is_shown_without_what_may_be_secret() {
+    let more = "[[notify]]\nurl = \"http://127.0.0.1:8065/hooks/hidden\"\non = [\"axis-off\"]\ntoken_file = \"notify.token\"\n";
+    let loaded = parse(&posts(&format!("{TABLE}{more}"))).unwrap_or_else(|errors| panic!("{errors}"));
+    assert_eq!(loaded.warnings, []);
+    let profile = loaded.profile;
+    assert_eq!(profile.notify[0].on, ["alarm", "device-lost"]);
+    assert_eq!(profile.notify[0].url.target(None).as_deref(), Some("/in/hidden?key=hidden"));
+    let said = Preview::of(&profile).to_string();
+    for line in [
+        "  notify[0] to https://hooks.example, trusting whom this computer trusts: alarm, device-lost\n",
+        "  notify[1] to http://127.0.0.1:8065, with the token in notify.token, in plain text: axis-off\n",
+    ] {
+        assert!(said.contains(line), "{said}");
+    }
+    let json = serde_json::to_value(Preview::of(&profile)).unwrap();
+    assert_eq!(json["notify"][1]["token_file"], "notify.token");
+    assert_eq!(json["notify"][0]["on"][1], "device-lost");
+    assert!(
+        !said.contains("hidden")
+            && !json.to_string().contains("hidden")
+            && !format!("{profile:?}").contains("hidden")
+    );
+}
+
+#[test]
+fn a_token_in_the_address_has_a_file_and_the_address_is_shown_without_both() {
+    let within = TABLE.replace("/in/hidden?key=hidden", "/in/{token}");
+    let with_file = posts(&format!("{within}token_file = \"hook.token\"\n"));
+    let profile = parse(&with_file).unwrap_or_else(|errors| panic!("{errors}")).profile;
+    let said = Preview::of(&profile).to_string();
+    let line = "  notify[0] to https://hooks.example, with the token in hook.token as a part of the address, trusting";
+    assert!(said.contains(line), "{said}");
+    let error = only_error(&posts(&within), "notify[0].url", "\"https");
+    assert!(error.to_string().contains("a token belongs into it, and there is none"), "{error}");
+    assert!(error.help.unwrap().contains("`token_file`"));
+}
+
+#[test]
+fn how_long_a_stop_takes_is_said_with_the_messages_and_without() {
+    let stop = |text: &str| {
+        let profile = parse(text).unwrap_or_else(|errors| panic!("{errors}")).profile;
+        let said = Preview::of(&profile).to_string();
+        said.split_once("stop\n").unwrap().1.to_owned()
+    };
+    assert!(stop(&posts(TABLE)).trim_end().ends_with(", then at most 2s until the last messages are posted"));
+    assert!(!stop(GRINDER).contains("messages"));
+}
+
+#[test]
+fn a_word_that_is_no_event_is_refused_with_the_nearest_and_all_that_there_are() {
+    let words = ["`device-lots` is not a word known here", "did you mean `device-lost`?", "command-dropped"];
+    is_refused("device-lost", "device-lots", "notify[0].on[1]", "\"device-lots", &words);
+    let error =
+        only_error(&posts(&TABLE.replace("device-lost", "hydraulics")), "notify[0].on[1]", "\"hydraulics");
+    let help = error.help.unwrap();
+    assert!(TRIGGERS.iter().all(|word| help.contains(word)), "{help}");
+}
+
+#[test]
+fn what_is_wrong_with_an_address_is_said_and_what_is_secret_of_it_is_not() {
+    let url = "https://hooks.example/in/hidden?key=hidden";
+    for (to, words) in [
+        ("https://me:hidden@hooks.example/", "names no user and no password"),
+        ("ftp://me:hidden@hooks.example/?hidden", "does not begin with https:// or http://"),
+        ("https://hooks.example:0/?hidden", "no port that is one"),
+        ("https://hooks.example/?hidden#x", "behind `#`"),
+    ] {
+        is_refused(url, to, "notify[0].url", "\"", &[words]);
+        let said = errors(parse(&posts(&TABLE.replace(url, to))))[0].to_string();
+        assert!(!said.contains("hidden"), "{said}");
+    }
+    // Nor where something else is wrong with the same line.
+    let inline = format!("notify = [{{ url = \"{url}\", on = [\"alarm\"], tokn_file = \"x\" }}]\n{GRINDER}");
+    let said = errors(parse(&inline))[0].to_string();
+    assert!(said.contains("unknown key `tokn_file`") && !said.contains("hidden"), "{said}");
+}
+
+#[test]
+fn what_makes_no_sense_together_is_refused_or_warned_of() {
+    is_refused("[\"alarm\", \"device-lost\"]", "[]", "notify[0].on", "[]", &["nothing would ever be posted"]);
+    let plain = TABLE.replace("https:", "http:");
+    let with_ca = posts(&format!("{plain}ca = \"ca.pem\"\n"));
+    let found = errors(isotherm_profile::parse_with(
+        Path::new("machine.toml"),
+        &with_ca,
+        &[("ca.pem", b"x")],
+        &[],
+        &[],
+    ));
+    assert_eq!((found.len(), found[0].key.as_str()), (1, "notify[0].ca"), "{}", found[0]);
+    let error = only_error(&posts(&format!("{TABLE}ca = \"none.pem\"\n")), "notify[0].ca", "\"none.pem");
+    assert!(error.to_string().contains("none.pem"), "{error}");
+    for (table, words) in [
+        (format!("{plain}token_file = \"t\"\n"), "the token goes over the network in plain text"),
+        (TABLE.replace("\"alarm\"", "\"alarm\", \"alarm\""), "`alarm` stands there twice"),
+    ] {
+        let warnings = parse(&posts(&table)).unwrap_or_else(|errors| panic!("{errors}")).warnings;
+        assert_eq!(warnings.len(), 1, "{warnings:?}");
+        assert!(warnings[0].message.contains(words), "{}", warnings[0]);
+    }
+    let many = errors(parse(&posts(&TABLE.repeat(17))));
+    assert!(many[0].message.contains("at most 16"), "{}", many[0]);
+    let bare = errors(parse(&posts("[[notify]]\n")));
+    let keys: Vec<&str> = bare.iter().map(|error| error.key.as_str()).collect();
+    assert_eq!(keys, ["notify[0].url", "notify[0].on"]);
+}
