@@ -10,6 +10,7 @@ minute. One reader takes all of it. Nothing but Python is needed. --pid is the b
 
 import argparse
 import asyncio
+import datetime
 import json
 import os
 import random
@@ -87,7 +88,7 @@ async def gateway(arguments, number, counts, begin):
         await asyncio.sleep(max(0.0, due - time.time()))
         counts.late += time.time() - due > 0.5
         due += 1.0
-        at = time.time()
+        at = datetime.datetime.now(datetime.UTC).isoformat().replace("+00:00", "Z")
         value = lambda: round(random.gauss(20.0, 3.0), 2)
         messages = [
             publish(f"{top}/signal/t{n}", {"at": at, "value": value(), "unit": "degC", "quality": "good", "reason": ""})
@@ -126,7 +127,7 @@ async def listen(arguments, counts):
         if flags >> 1 & 3:
             number, at = body[at : at + 2], at + 2
             writer.write(packet(PUBACK, 0, number))
-        taken = json.loads(body[at:])["at"]
+        taken = datetime.datetime.fromisoformat(json.loads(body[at:])["at"]).timestamp()
         # What it kept of a run before is none of this one.
         if taken >= begun:
             counts.received += 1
