@@ -26,6 +26,8 @@ mod command;
 mod demo;
 mod descriptors;
 mod events;
+#[cfg(feature = "parquet")]
+mod export;
 mod gauge;
 #[cfg(feature = "identify")]
 mod identify;
@@ -149,6 +151,9 @@ enum Verb {
     Trace(trace::Arguments),
     /// What happened at a machine, before the last restart too
     Events(events::Arguments),
+    /// Logs and events as Parquet, a file a day, for a year of many machines in one query
+    #[cfg(feature = "parquet")]
+    Export(export::Arguments),
     /// What the running gateway does: the content of its page
     Status(status::Arguments),
     /// The certificates of an OPC UA line: made, shown, trusted
@@ -238,6 +243,8 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Sign(arguments) => sign::run(&arguments),
         Verb::Measured(arguments) => measured::run(&arguments),
         Verb::Events(arguments) => events::run(&arguments),
+        #[cfg(feature = "parquet")]
+        Verb::Export(arguments) => export::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),
         #[cfg(feature = "opcua")]
         Verb::OpcUa(arguments) => opcua::run(&arguments),

@@ -37,6 +37,8 @@ const VERBS: &[&str] = &[
     "completions",
     "man",
     "events",
+    #[cfg(feature = "parquet")]
+    "export",
     "status",
     "init",
     "sign",

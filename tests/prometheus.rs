@@ -10,6 +10,8 @@ mod certificates;
 mod dashboard;
 #[path = "http/fake.rs"]
 mod fake;
+#[path = "prometheus/fleet.rs"]
+mod fleet;
 #[path = "prometheus/names.rs"]
 mod names;
 mod process;

@@ -30,12 +30,16 @@
 //!
 //! A log from elsewhere needs `time` and at least one signal; `z_error_um` is the measured error of axis z.
 
+#[cfg(feature = "parquet")]
+mod days;
 pub mod outputs;
 mod reader;
 mod recorder;
 #[cfg(test)]
 mod tests;
 
+#[cfg(feature = "parquet")]
+pub use days::{days, is_for_replay, is_text};
 pub use reader::{Decided, LogError, LogReader, LogRow};
 pub use recorder::{Recorder, number};
 #[cfg(test)]

@@ -327,7 +327,7 @@ impl Door {
             let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
             let address = listener.local_addr().expect("its address");
             let gateway = Gateway::new(USUAL.clone(), &Clock::wall(), Options::default());
-            let admission = Admission { viewer, operator, scraper: None, commands: Commands::Local, hosts: Vec::new() };
+            let admission = Admission { viewer, operator, commands: Commands::Local, ..Admission::default() };
             tokio::spawn(serve(listener, gateway.source(), admission, std::future::pending()));
             address
         });

@@ -34,7 +34,7 @@ pub(super) struct Keep {
 /// A log of one day.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::gateway) struct DayLog {
-    pub(super) day: Date,
+    pub(in crate::gateway) day: Date,
     pub(in crate::gateway) name: String,
     pub(super) size: u64,
 }

@@ -149,7 +149,10 @@ fn sealed(text: &str) -> Option<(Line, Result<String, String>)> {
 }
 
 /// The days of which there are files of this machine, oldest first.
-fn days(directory: &Path, machine: &str) -> std::io::Result<Vec<String>> {
+///
+/// # Errors
+/// The directory cannot be read.
+pub fn days(directory: &Path, machine: &str) -> std::io::Result<Vec<String>> {
     let mut days: Vec<String> =
         files(directory)?.into_iter().filter(|(of, _)| of == machine).map(|(_, day)| day).collect();
     days.sort_unstable();

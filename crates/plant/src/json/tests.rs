@@ -111,7 +111,7 @@ fn the_will_and_the_farewell_say_offline_and_are_kept() {
 
 #[test]
 fn nothing_is_asked_for_unless_the_profile_says_so_and_nothing_moves() {
-    let mut json = Json::new(settings());
+    let json = Json::new(settings());
     assert_eq!(json.subscriptions(), []);
     let mut taking = Json::new(JsonSettings { takes_measured: true, ..settings() });
     assert_eq!(taking.subscriptions()[0].filter, "plant/press/command/+");

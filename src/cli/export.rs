@@ -1,0 +1,129 @@
+//! `isotherm export`: what a gateway has logged, for engines that read Parquet.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use serde::Serialize;
+
+use super::values::key_and_value;
+use super::{load_quietly, print_json, running};
+use crate::cli::say::{say, say_beside};
+use crate::gateway::{log, make_directory};
+use crate::observe::events::file;
+
+mod decisions;
+mod events;
+mod table;
+
+/// Writes the logs of decisions and the events as Parquet: DIR/decisions/NAME-2026-01-31.parquet and DIR/events/…, one file a day, with the
+/// machine's name in each row. Times are moments, whatever the zone of whoever reads them; days are those of UTC.
+///
+/// A day that has not changed since is left alone, so that it may run every night, of many machines into one directory. Nothing that
+/// lies there is deleted: what [history] keep deletes of the logs stays there. The gateway may run meanwhile.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  isotherm export my-machine.toml --parquet fleet\n  isotherm export my-machine.toml --parquet /mnt/fleet \
+                  --state /var/lib/isotherm"
+)]
+pub(super) struct Arguments {
+    /// The machine's profile, or the name of a shipped one
+    #[arg(value_name = "PROFILE")]
+    profile: PathBuf,
+    /// Overrides one key, as often as needed: `--set bus.cell.address=10.0.0.7:502`
+    #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
+    set: Vec<(String, String)>,
+    /// Where to; it is made where it is not there
+    #[arg(long, value_name = "DIR")]
+    parquet: PathBuf,
+    /// The state directory that the gateway was started with
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
+    /// One JSON document
+    #[arg(long)]
+    json: bool,
+}
+
+/// How many days of one kind.
+#[derive(Debug, Default, Serialize)]
+struct Days {
+    written: u64,
+    unchanged: u64,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let profile = load_quietly(&arguments.profile, &arguments.set, false)?.profile;
+    let (directory, machine) = (running::directory(arguments.state.as_deref(), &profile)?, &profile.name);
+    let place = |kind: &str| {
+        let place = arguments.parquet.join(kind);
+        make_directory(&place).with_context(|| format!("{} cannot be made", place.display()))?;
+        anyhow::Ok(place)
+    };
+    let (mut decided, mut happened) = (Days::default(), Days::default());
+    let to = place("decisions")?;
+    for (day, logs) in log::days(&directory, machine) {
+        decided.take(&logs, &to.join(format!("{machine}-{day}.parquet")), |to| {
+            decisions::write(machine, &logs, to)
+        })?;
+    }
+    let to = place("events")?;
+    let days =
+        file::days(&directory, machine).with_context(|| format!("{} cannot be read", directory.display()))?;
+    for day in days {
+        let log = file::path(&directory, machine, &day);
+        let name = to.join(format!("{machine}-{day}.parquet"));
+        happened.take(std::slice::from_ref(&log), &name, |to| events::write(machine, &log, to))?;
+    }
+    if decided.written + decided.unchanged + happened.written + happened.unchanged == 0 {
+        say_beside!("there are no logs of {machine} in {}", directory.display());
+    }
+    if arguments.json {
+        return print_json(
+            &serde_json::json!({ "machine": machine, "decisions": decided, "events": happened }),
+        );
+    }
+    let (to, decided, happened) = (arguments.parquet.display(), decided.text(), happened.text());
+    Ok(say!("{to}: decisions of {decided}; events of {happened}")?)
+}
+
+impl Days {
+    /// Writes a day where its logs have changed since. The file bears the time of the newest of them: whatever is logged while it is
+    /// written makes another one of it the next time.
+    fn take(
+        &mut self,
+        logs: &[PathBuf],
+        to: &Path,
+        write: impl FnOnce(&mut std::fs::File) -> anyhow::Result<Vec<String>>,
+    ) -> anyhow::Result<()> {
+        let changed = |path: &Path| path.metadata().and_then(|about| about.modified());
+        let newest = logs.iter().filter_map(|log| changed(log).ok()).max();
+        // It was deleted a moment ago.
+        let Some(newest) = newest else { return Ok(()) };
+        if changed(to).is_ok_and(|written| written == newest) {
+            self.unchanged += 1;
+            return Ok(());
+        }
+        let part = to.with_extension("parquet.part");
+        let shown = || format!("{} cannot be written", part.display());
+        // One that a run left which was killed; and nothing is written through a link that somebody put there.
+        let _ = std::fs::remove_file(&part);
+        let mut file = std::fs::File::create_new(&part).with_context(shown)?;
+        let written = write(&mut file).with_context(shown);
+        let warnings = match written {
+            Ok(warnings) => warnings,
+            Err(why) => {
+                let _ = std::fs::remove_file(&part);
+                return Err(why);
+            }
+        };
+        file.set_modified(newest).and_then(|()| file.sync_all()).with_context(shown)?;
+        std::fs::rename(&part, to).with_context(|| format!("{} cannot be written", to.display()))?;
+        warnings.iter().for_each(|warning| say_beside!("warning: {warning}"));
+        self.written += 1;
+        Ok(())
+    }
+
+    fn text(&self) -> String {
+        let days = if self.written == 1 { "day" } else { "days" };
+        format!("{} {days} written, {} as they were", self.written, self.unchanged)
+    }
+}

@@ -1,0 +1,137 @@
+//! The logs of one day's decisions as one table: `time`, `machine`, and the columns of the logs but `machine_memory`, which is for a replay.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use csv::{ByteRecord, Reader, ReaderBuilder};
+
+use super::table::{Kind, Table};
+use crate::gateway::log::{is_for_replay, is_text};
+use isotherm_core::quantity::{Moment, time};
+use isotherm_profile::regular;
+
+/// What stands before the columns of the logs.
+const FIRST: [(&str, Kind); 2] = [("time", Kind::Moment), ("machine", Kind::Text)];
+
+/// A log, and where each of its columns goes.
+struct Log<'p> {
+    path: &'p Path,
+    reader: Reader<File>,
+    places: Vec<Option<usize>>,
+}
+
+/// Writes them; what was left out, as sentences.
+pub(super) fn write(machine: &str, logs: &[PathBuf], to: &mut File) -> anyhow::Result<Vec<String>> {
+    let mut columns: Vec<(String, Kind)> = FIRST.map(|(name, kind)| (name.to_owned(), kind)).to_vec();
+    let mut known = BTreeMap::new();
+    let mut opened = Vec::new();
+    for path in logs {
+        opened.push(open(path, &mut columns, &mut known)?);
+    }
+    let mut table = Table::new(to, &columns)?;
+    let mut warnings = Vec::new();
+    for mut log in opened {
+        let left_out = log.copy(machine, &columns, &mut table)?;
+        if left_out > 0 {
+            let rows = if left_out == 1 { "row is cut or none" } else { "rows are cut or none" };
+            warnings.push(format!("{}: {left_out} {rows}, and left out", log.path.display()));
+        }
+    }
+    table.finish()?;
+    Ok(warnings)
+}
+
+fn open<'p>(
+    path: &'p Path,
+    columns: &mut Vec<(String, Kind)>,
+    known: &mut BTreeMap<String, usize>,
+) -> anyhow::Result<Log<'p>> {
+    let shown = || format!("{} cannot be read", path.display());
+    let file = regular::open(path).with_context(shown)?;
+    let mut reader = ReaderBuilder::new().flexible(true).from_reader(file);
+    let header = reader.headers().with_context(shown)?.clone();
+    let names: Vec<&str> = header.iter().collect();
+    let mut place = |name: &&str| {
+        let kind = if is_text(name, &names) { Kind::Text } else { Kind::Number };
+        let at = *known.entry((*name).to_owned()).or_insert_with(|| {
+            // A signal may be called so.
+            let is_taken = FIRST.iter().any(|(taken, _)| taken == name);
+            columns.push((if is_taken { format!("{name}_signal") } else { (*name).to_owned() }, kind));
+            columns.len() - 1
+        });
+        Some(at)
+    };
+    let wanted = names.iter().skip(1);
+    let places = wanted.map(|name| if is_for_replay(name) { None } else { place(name) });
+    let places = std::iter::once(Some(0)).chain(places).collect();
+    Ok(Log { path, reader, places })
+}
+
+impl Log<'_> {
+    /// Its rows into the table; how many were none.
+    fn copy(
+        &mut self,
+        machine: &str,
+        columns: &[(String, Kind)],
+        table: &mut Table<'_>,
+    ) -> anyhow::Result<u64> {
+        let (mut row, mut left_out) = (ByteRecord::new(), 0);
+        let mut from = vec![None; columns.len()];
+        for (cell, place) in self.places.iter().enumerate() {
+            if let Some(place) = place {
+                from[*place] = Some(cell);
+            }
+        }
+        loop {
+            match self.reader.read_byte_record(&mut row) {
+                Ok(false) => return Ok(left_out),
+                Ok(true) => {}
+                Err(_) => return Ok(left_out + 1),
+            }
+            let Some((at, cells)) = self.whole(&row, columns, &from) else {
+                left_out += 1;
+                continue;
+            };
+            table.moment(0, at);
+            table.text(1, Some(machine));
+            for (column, (cell, (_, kind))) in cells.into_iter().zip(columns).enumerate().skip(FIRST.len()) {
+                match (kind, cell) {
+                    (Kind::Number, Cell::Number(number)) => table.number(column, number),
+                    (_, Cell::Text(text)) => table.text(column, text),
+                    _ => {}
+                }
+            }
+            table.end_row()?;
+        }
+    }
+
+    /// The moment and the cells of a row, in the order of the columns, where it is whole.
+    fn whole<'r>(
+        &self,
+        row: &'r ByteRecord,
+        columns: &[(String, Kind)],
+        from: &[Option<usize>],
+    ) -> Option<(Moment, Vec<Cell<'r>>)> {
+        if row.len() != self.places.len() {
+            return None;
+        }
+        let text = |place: usize| std::str::from_utf8(row.get(place)?).ok();
+        let at = time::parse(text(0)?).ok()?;
+        let cells = from.iter().zip(columns).map(|(from, (_, kind))| {
+            let cell = from.map_or(Some(""), text)?;
+            match kind {
+                Kind::Number if cell.is_empty() => Some(Cell::Number(None)),
+                Kind::Number => cell.parse().ok().map(|number| Cell::Number(Some(number))),
+                _ => Some(Cell::Text(Some(cell).filter(|cell| !cell.is_empty()))),
+            }
+        });
+        Some((at, cells.collect::<Option<_>>()?))
+    }
+}
+
+enum Cell<'r> {
+    Number(Option<f64>),
+    Text(Option<&'r str>),
+}

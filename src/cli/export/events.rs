@@ -1,0 +1,47 @@
+//! The events of one day as a table: `time`, `machine`, `kind`, `level`, `text`, and `data` as JSON.
+
+use std::fs::File;
+use std::path::Path;
+
+use anyhow::Context;
+
+use super::table::{Kind, Table};
+use crate::observe::events::file::{self, Found};
+use isotherm_core::quantity::time;
+
+const COLUMNS: [(&str, Kind); 6] = [
+    ("time", Kind::Moment),
+    ("machine", Kind::Text),
+    ("kind", Kind::Text),
+    ("level", Kind::Text),
+    ("text", Kind::Text),
+    ("data", Kind::Text),
+];
+
+/// Writes them; what is wrong with the file they come from, as sentences.
+pub(super) fn write(machine: &str, log: &Path, to: &mut File) -> anyhow::Result<Vec<String>> {
+    let mut table = Table::new(to, &COLUMNS.map(|(name, kind)| (name.to_owned(), kind)))?;
+    let (mut warnings, mut written) = (Vec::new(), Ok(()));
+    file::read(log, |found| match found {
+        Found::Damage(what) => warnings.push(what),
+        Found::Event(entry) => {
+            let Ok(at) = time::parse(&entry.at) else {
+                warnings.push(format!("{}: an event has no time, and is left out", log.display()));
+                return;
+            };
+            let data = (!entry.data.is_null()).then(|| entry.data.to_string());
+            let level = format!("{:?}", entry.level).to_lowercase();
+            table.moment(0, at);
+            let texts =
+                [Some(machine), Some(&*entry.kind), Some(&*level), Some(&*entry.text), data.as_deref()];
+            texts.into_iter().enumerate().for_each(|(place, text)| table.text(place + 1, text));
+            if written.is_ok() {
+                written = table.end_row();
+            }
+        }
+    })
+    .with_context(|| format!("{} cannot be read", log.display()))?;
+    written?;
+    table.finish()?;
+    Ok(warnings)
+}

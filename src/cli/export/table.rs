@@ -1,0 +1,137 @@
+//! A table of moments, numbers and texts as a Parquet file, some rows at a time: however long a day is, it takes as much memory.
+
+use std::fs::File;
+use std::sync::Arc;
+
+use isotherm_core::quantity::Moment;
+use parquet::basic::{Compression, LogicalType, Repetition, TimeUnit, Type as Physical, ZstdLevel};
+use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
+use parquet::errors::ParquetError;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::Type;
+
+/// So many cells are held before they are written.
+const HELD: usize = 2_000_000;
+
+/// What stands in a column.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// In each row: a moment, to the microsecond, in UTC.
+    Moment,
+    Number,
+    Text,
+}
+
+/// The cells of a column, and for each row whether there is one.
+#[derive(Debug)]
+enum Cells {
+    Moments(Vec<i64>),
+    Numbers(Vec<f64>, Vec<i16>),
+    Texts(Vec<ByteArray>, Vec<i16>),
+}
+
+/// One that is being written.
+pub(super) struct Table<'f> {
+    writer: SerializedFileWriter<&'f mut File>,
+    columns: Vec<Cells>,
+    rows: usize,
+}
+
+impl<'f> Table<'f> {
+    /// With these columns.
+    pub(super) fn new(file: &'f mut File, columns: &[(String, Kind)]) -> Result<Table<'f>, ParquetError> {
+        let fields = columns.iter().map(|(name, kind)| field(name, *kind).map(Arc::new));
+        let fields = fields.collect::<Result<Vec<_>, _>>()?;
+        let schema = Arc::new(Type::group_type_builder("log").with_fields(fields).build()?);
+        let packed = Compression::ZSTD(ZstdLevel::default());
+        let by = concat!("isotherm ", env!("CARGO_PKG_VERSION")).to_owned();
+        let properties = WriterProperties::builder().set_compression(packed).set_created_by(by).build();
+        let writer = SerializedFileWriter::new(file, schema, Arc::new(properties))?;
+        let columns = columns.iter().map(|(_, kind)| Cells::of(*kind)).collect();
+        Ok(Table { writer, columns, rows: 0 })
+    }
+
+    pub(super) fn moment(&mut self, column: usize, moment: Moment) {
+        if let Some(Cells::Moments(moments)) = self.columns.get_mut(column) {
+            moments.push(i64::try_from(moment.as_nanos() / 1000).unwrap_or(i64::MAX));
+        }
+    }
+
+    pub(super) fn number(&mut self, column: usize, number: Option<f64>) {
+        if let Some(Cells::Numbers(numbers, there)) = self.columns.get_mut(column) {
+            there.push(i16::from(number.is_some()));
+            numbers.extend(number);
+        }
+    }
+
+    pub(super) fn text(&mut self, column: usize, text: Option<&str>) {
+        if let Some(Cells::Texts(texts, there)) = self.columns.get_mut(column) {
+            there.push(i16::from(text.is_some()));
+            texts.extend(text.map(ByteArray::from));
+        }
+    }
+
+    /// Every column has its cell of this row.
+    pub(super) fn end_row(&mut self) -> Result<(), ParquetError> {
+        self.rows += 1;
+        if self.rows * self.columns.len() >= HELD { self.flush() } else { Ok(()) }
+    }
+
+    pub(super) fn finish(mut self) -> Result<(), ParquetError> {
+        self.flush()?;
+        self.writer.close().map(drop)
+    }
+
+    fn flush(&mut self) -> Result<(), ParquetError> {
+        if self.rows == 0 {
+            return Ok(());
+        }
+        self.rows = 0;
+        let mut group = self.writer.next_row_group()?;
+        for cells in &mut self.columns {
+            let Some(mut column) = group.next_column()? else { break };
+            match cells {
+                Cells::Moments(moments) => {
+                    column.typed::<Int64Type>().write_batch(moments, None, None)?;
+                    moments.clear();
+                }
+                Cells::Numbers(numbers, there) => {
+                    column.typed::<DoubleType>().write_batch(numbers, Some(there), None)?;
+                    numbers.clear();
+                    there.clear();
+                }
+                Cells::Texts(texts, there) => {
+                    column.typed::<ByteArrayType>().write_batch(texts, Some(there), None)?;
+                    texts.clear();
+                    there.clear();
+                }
+            }
+            column.close()?;
+        }
+        group.close().map(drop)
+    }
+}
+
+impl Cells {
+    fn of(kind: Kind) -> Cells {
+        match kind {
+            Kind::Moment => Cells::Moments(Vec::new()),
+            Kind::Number => Cells::Numbers(Vec::new(), Vec::new()),
+            Kind::Text => Cells::Texts(Vec::new(), Vec::new()),
+        }
+    }
+}
+
+fn field(name: &str, kind: Kind) -> Result<Type, ParquetError> {
+    let (physical, logical, repetition) = match kind {
+        Kind::Moment => {
+            let logical = LogicalType::timestamp(true, TimeUnit::MICROS);
+            (Physical::INT64, Some(logical), Repetition::REQUIRED)
+        }
+        Kind::Number => (Physical::DOUBLE, None, Repetition::OPTIONAL),
+        Kind::Text => (Physical::BYTE_ARRAY, Some(LogicalType::String), Repetition::OPTIONAL),
+    };
+    let field = Type::primitive_type_builder(name, physical).with_repetition(repetition);
+    field.with_logical_type(logical).build()
+}
