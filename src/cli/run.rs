@@ -17,9 +17,9 @@ use crate::cli::say::say;
 use crate::clock::Clock;
 use crate::gateway::control;
 use crate::gateway::{CHECK_ONLY, Gateway, HANDOVER, Handover, Options, Program, make_directory, may_start};
-use crate::observe::status::BrokerFigures;
 use crate::observe::events::Event;
 use crate::observe::notify::{Outboxes, Rules};
+use crate::observe::status::BrokerFigures;
 use isotherm_profile::{DeviceId, Profile, Web, plan};
 
 /// What the log still has to say when the program gives up.

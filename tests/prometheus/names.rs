@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use crate::fake::{self, Door};
 use crate::server::{chapter, promtool};
+use isotherm::observe::status::BrokerStatus;
 
 /// Of a gateway of which everything is known.
 async fn everything() -> String {
@@ -11,6 +12,7 @@ async fn everything() -> String {
     door.change(|status| {
         let axis = &mut status.axes[0];
         (axis.raw_um, axis.error_um) = (Some(13.0), Some(50.0));
+        status.mqtt = Some(BrokerStatus::default());
         (status.outputs[0].waits_s, status.lock_held) = (Some(3.0), vec![(1e-6, 5), (f64::INFINITY, 1)]);
     });
     door.get("/metrics").await.body
