@@ -64,13 +64,17 @@ impl Broker {
         self.running.as_mut().unwrap().so_far().join("\n")
     }
 
-    /// A reader of these topics: a line a message, `RETAINED TOPIC PAYLOAD`.
+    /// A reader of these topics, once it is one: a line a message, `RETAINED TOPIC PAYLOAD`, beside what it says of itself.
     pub(crate) fn reads(&self, topics: &str, more: &[&str]) -> Running {
         let port = self.port.to_string();
         let mut command = Command::new("mosquitto_sub");
-        command.args(["-h", "127.0.0.1", "-p", &port, "-q", "1", "-t", topics, "-F", "%r %t %p"]).args(more);
+        command
+            .args(["-h", "127.0.0.1", "-p", &port, "-q", "1", "-t", topics, "-d", "-F", "%r %t %p"])
+            .args(more);
         assert!(Command::new("mosquitto_sub").arg("--help").output().is_ok(), "mosquitto_sub {LACKS}");
-        Running::start(&mut command)
+        let mut reader = Running::start(&mut command);
+        reader.hears("Subscribed (");
+        reader
     }
 
     /// Publishes one message.
