@@ -1,7 +1,9 @@
 //! mosquitto, in a process of its own, and a reader of it.
 
+use std::cell::{Ref, RefCell};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::process::{Running, file, free_port, until};
 
@@ -11,7 +13,7 @@ const LACKS: &str = "is not installed: `tests/run mqtt` does it";
 pub(crate) struct Broker {
     pub(crate) port: u16,
     configuration: PathBuf,
-    running: Option<Running>,
+    running: RefCell<Option<Running>>,
     home: tempfile::TempDir,
 }
 
@@ -27,7 +29,7 @@ impl Broker {
         let lines = lines(home.path(), port);
         let text = format!("user root\nlog_type all\nlistener {port} 127.0.0.1\n{lines}");
         let configuration = file(home.path(), "mosquitto.conf", &text);
-        let mut broker = Broker { port, configuration, running: None, home };
+        let mut broker = Broker { port, configuration, running: RefCell::new(None), home };
         broker.starts();
         broker
     }
@@ -42,7 +44,8 @@ impl Broker {
         let found = ["/usr/sbin/mosquitto", "/usr/local/sbin/mosquitto", "/usr/bin/mosquitto"];
         let program = found.iter().find(|path| Path::new(path).exists());
         let program = program.unwrap_or_else(|| panic!("mosquitto {LACKS}"));
-        self.running = Some(Running::start(Command::new(program).arg("-c").arg(&self.configuration)));
+        let begun = Running::start(Command::new(program).arg("-c").arg(&self.configuration));
+        self.running.replace(Some(begun));
         let port = self.port;
         until("the broker listens", || {
             std::net::TcpStream::connect(("127.0.0.1", port)).map(drop).map_err(|error| error.to_string())
@@ -51,26 +54,35 @@ impl Broker {
 
     /// Is killed.
     pub(crate) fn dies(&mut self) {
-        self.running.take().unwrap().killed();
+        self.running.replace(None).unwrap().killed();
     }
 
     /// Stands still, and goes on.
-    pub(crate) fn process(&self) -> &Running {
-        self.running.as_ref().unwrap()
+    pub(crate) fn process(&self) -> Ref<'_, Running> {
+        Ref::map(self.running.borrow(), |running| running.as_ref().unwrap())
     }
 
     /// What it has written.
-    pub(crate) fn so_far(&mut self) -> String {
-        self.running.as_mut().unwrap().so_far().join("\n")
+    pub(crate) fn so_far(&self) -> String {
+        self.running.borrow_mut().as_mut().unwrap().so_far().join("\n")
     }
 
-    /// A reader of these topics: a line a message, `RETAINED TOPIC PAYLOAD`.
+    /// A reader of these topics, once it is one: a line a message, `RETAINED TOPIC PAYLOAD`.
     pub(crate) fn reads(&self, topics: &str, more: &[&str]) -> Running {
         let port = self.port.to_string();
+        static READERS: AtomicUsize = AtomicUsize::new(0);
+        let name = format!("reader-{}", READERS.fetch_add(1, Ordering::Relaxed));
         let mut command = Command::new("mosquitto_sub");
-        command.args(["-h", "127.0.0.1", "-p", &port, "-q", "1", "-t", topics, "-F", "%r %t %p"]).args(more);
+        command
+            .args(["-h", "127.0.0.1", "-p", &port, "-q", "1", "-t", topics, "-i", &name, "-F", "%r %t %p"])
+            .args(more);
         assert!(Command::new("mosquitto_sub").arg("--help").output().is_ok(), "mosquitto_sub {LACKS}");
-        Running::start(&mut command)
+        let reader = Running::start(&mut command);
+        let taken = format!("Sending SUBACK to {name}");
+        until("it is a reader", || {
+            if self.so_far().lines().any(|line| line.ends_with(&taken)) { Ok(()) } else { Err(taken.clone()) }
+        });
+        reader
     }
 
     /// Publishes one message.

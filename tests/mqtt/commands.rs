@@ -42,8 +42,8 @@ fn a_measured_error_is_learned_from_and_nothing_arms_disarms_or_moves() {
 
 #[test]
 fn where_no_command_is_taken_nothing_is_even_asked_for() {
-    let mut broker = Broker::open();
-    let mut state = broker.reads("isotherm/press/state", &["-i", "reader"]);
+    let broker = Broker::open();
+    let mut state = broker.reads("isotherm/press/state", &[]);
     let machine = Machine::with(&format!("[mqtt]\nbroker = \"mqtt://127.0.0.1:{}\"\n", broker.port));
     state.hears("online");
     machine.is_active();

@@ -27,7 +27,7 @@ fn state_is_kept_for_whoever_comes_later_and_events_are_told_once() {
     let broker = Broker::open();
     let mut early = broker.reads("isotherm/press/event", &[]);
     let mut machine = Machine::with(&mqtt(&broker));
-    assert_eq!(document(&mut early, "isotherm/press/event")["kind"], "started");
+    early.hears("\"kind\":\"started\"");
     machine.is_active();
     let mut late = broker.reads("#", &[]);
     late.hears("1 isotherm/press/state online");
@@ -45,8 +45,8 @@ fn state_is_kept_for_whoever_comes_later_and_events_are_told_once() {
     assert!(!late.so_far().iter().any(|line| line.starts_with("1 isotherm/press/event")), "no event is kept");
 
     machine.answers(false);
-    let bad = document(&mut early, "isotherm/press/event");
-    assert_eq!((&bad["kind"], &bad["level"]), (&Value::from("signal-bad"), &Value::from("warning")), "{bad}");
+    let bad = early.hears("\"kind\":\"signal-bad\"");
+    assert!(bad.contains("\"level\":\"warning\""), "{bad}");
     let shown = machine.verb("status", &[]);
     let connected = format!("broker mqtt://127.0.0.1:{}: connected", broker.port);
     assert!(shown.contains(&connected), "{shown}");
@@ -93,7 +93,8 @@ fn check_says_what_is_published_and_online_whether_the_broker_is_there() {
     assert!(fits && said.contains("takes the gateway; nothing was published"), "{said}");
     broker.tells("isotherm/after", "it", &[]);
     heard.hears("isotherm/after");
-    assert_eq!(heard.so_far().len(), 1, "nothing was published");
+    let published = heard.so_far().iter().filter(|line| line.starts_with("0 isotherm/press"));
+    assert_eq!(published.count(), 0, "nothing was published");
     broker.dies();
     let (fits, said) = check(&["--online"]);
     assert!(!fits && said.contains("nothing listens at that port"), "{said}");

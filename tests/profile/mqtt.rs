@@ -41,7 +41,7 @@ fn what_is_wrong_with_it_is_said_at_its_key() {
         ("every = \"10ms\"", "mqtt.every", "more often than anything is published"),
         ("every = \"1min\"\nrefresh = \"30s\"", "mqtt.refresh", "shorter than `every`"),
         ("buffer = \"100MB\"", "mqtt.buffer", "belongs to format = \"sparkplug-b\""),
-        ("format = \"sparkplug-b\"\ngroup = \"a\"\nbuffer = \"1kB\"", "mqtt.buffer", "holds no minute"),
+        ("format = \"sparkplug-b\"\ngroup = \"a\"\nbuffer = \"0MB\"", "mqtt.buffer", "holds no minute"),
         (
             "format = \"sparkplug-b\"\ngroup = \"a\"\nhome_assistant = true",
             "mqtt.home_assistant",

@@ -89,6 +89,8 @@ impl Broker for Client {
             Ok(Heard::Room | Heard::Arrived(_)) => Ok(connected),
             // Brokers say either of two words to a wrong password.
             Ok(Heard::Lost(Fault::NotAllowed)) if self.user.is_some() => Err(Fault::WrongUser),
+            // Nor does a broker go without a word to whoever speaks as it does.
+            Ok(Heard::Lost(Fault::Broken)) => Err(Fault::NoMqtt),
             Ok(Heard::Lost(fault)) => Err(fault),
             Err(_) => Err(Fault::Silent),
         }

@@ -56,6 +56,8 @@ impl Runner {
     pub(super) async fn run(mut self, broker: impl Broker, mut stopped: watch::Receiver<bool>) {
         let mut ticks = interval(self.every);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
+        // What a connection that is soon made tells is not kept before it.
+        ticks.reset();
         let (mut failures, mut pause) = (0_u64, FIRST_PAUSE);
         let mut chance = Pcg64Mcg::seed_from_u64(self.clock.time_of_day().as_nanos());
         loop {
