@@ -118,7 +118,7 @@ impl Machine {
     }
 
     /// Is killed, and begins anew with what is on disk.
-    pub(crate) fn is_killed_and_begins(self) -> Machine {
+    pub(crate) fn dies_and_begins(self) -> Machine {
         let Machine { running, profile, home, is_mute } = self;
         running.killed();
         let running = Running::start(isotherm(home.path()).arg("run").arg(&profile));

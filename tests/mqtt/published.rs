@@ -31,7 +31,7 @@ fn state_is_kept_for_whoever_comes_later_and_events_are_told_once() {
     machine.is_active();
     let mut late = broker.reads("#", &[]);
     late.hears("1 isotherm/press/state online");
-    let axis = late.hears("1 isotherm/press/axis/z ");
+    let axis = broker.reads("isotherm/press/axis/z", &[]).hears("1 isotherm/press/axis/z ");
     assert!(axis.contains("\"state\":\"active\""), "{axis}");
     let mut bed = broker.reads("isotherm/press/signal/bed7", &[]);
     let first = document(&mut bed, "isotherm/press/signal/bed7");

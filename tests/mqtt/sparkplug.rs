@@ -98,7 +98,7 @@ fn a_node_that_is_killed_is_dead_by_its_will_and_born_with_the_next_number() {
     let mut host = Host::of(&broker);
     let machine = Machine::with(&mqtt(&broker));
     let birth = host.hears("NBIRTH");
-    let again = machine.is_killed_and_begins();
+    let again = machine.dies_and_begins();
     let death = host.hears("NDEATH");
     assert_eq!((&death["bd_seq"], &death["of_birth"]), (&birth["bd_seq"], &Value::from(true)));
     let number = |message: &Value| message["bd_seq"].as_u64().unwrap();

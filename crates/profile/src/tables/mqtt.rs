@@ -234,15 +234,14 @@ impl RawMqtt {
             }
             return Some("isotherm".to_owned());
         };
-        let is_plain =
-            |one: char| !one.is_control() && !matches!(one, '+' | '#') && !(one == '/' && is_sparkplug);
+        let is_meant =
+            |one: char| one.is_control() || matches!(one, '+' | '#') || (one == '/' && is_sparkplug);
         if is_sparkplug && group == "STATE" {
             at.wrong("hosts say at `STATE` whether they are there", "give the group another name");
             return None;
         }
         let is_whole = !group.is_empty() && group.split('/').all(|part| !part.is_empty());
-        if !is_whole || !group.chars().all(is_plain) || group.starts_with('$') || group.len() > LONGEST_GROUP
-        {
+        if !is_whole || group.contains(is_meant) || group.starts_with('$') || group.len() > LONGEST_GROUP {
             let slash = if is_sparkplug { "no `/`, " } else { "" };
             at.wrong(
                 format!("`{group}` cannot begin a topic"),
