@@ -1,10 +1,11 @@
-//! A client that shows no certificate, and whom it trusts: what is posted to a server goes so.
+//! Whom a client of a server in the plant trusts; and one that shows no certificate, as what is posted goes.
 
 use std::path::Path;
 use std::sync::Arc;
 
+use tokio_rustls::rustls::client::WantsClientCert;
 use tokio_rustls::rustls::crypto::ring::default_provider;
-use tokio_rustls::rustls::{ClientConfig, RootCertStore};
+use tokio_rustls::rustls::{ClientConfig, ConfigBuilder, RootCertStore};
 
 use super::client::Trust;
 use super::pem::certificates;
@@ -23,17 +24,21 @@ const BUNDLES: [&str; 4] = [
 /// # Errors
 /// A sentence: there is nobody to be trusted.
 pub fn visitor(ca: Option<&[u8]>) -> Result<ClientConfig, String> {
+    Ok(trusting(ca)?.with_no_client_auth())
+}
+
+/// The same, before it has shown anything.
+pub(super) fn trusting(ca: Option<&[u8]>) -> Result<ConfigBuilder<ClientConfig, WantsClientCert>, String> {
     let config = ClientConfig::builder_with_provider(Arc::new(default_provider()))
         .with_safe_default_protocol_versions()
         .map_err(|error| error.to_string())?;
-    let config = match ca {
+    match ca {
         Some(ca) => {
             let trust = Arc::new(Trust::new(&certificates(ca)?)?);
-            config.dangerous().with_custom_certificate_verifier(trust)
+            Ok(config.dangerous().with_custom_certificate_verifier(trust))
         }
-        None => config.with_root_certificates(of_this_computer(BUNDLES.map(Path::new))?),
-    };
-    Ok(config.with_no_client_auth())
+        None => Ok(config.with_root_certificates(of_this_computer(BUNDLES.map(Path::new))?)),
+    }
 }
 
 /// The authorities in the first of these files that has some.
