@@ -9,6 +9,8 @@ use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
+use isotherm::clock::Clock;
+
 /// How long anything may take before a test gives up; generous, because a loaded machine is no failure.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -53,18 +55,24 @@ impl Running {
         self.hears_one_of(&[text])
     }
 
-    /// Waits for a line with one of these texts in it.
+    /// Waits for a line with one of these texts in it: not for ever, of one that says nothing as of one that says everything else.
     #[track_caller]
     pub(crate) fn hears_one_of(&mut self, texts: &[&str]) -> String {
+        let clock = Clock::wall();
+        let begun = clock.now();
         loop {
-            match self.lines.recv_timeout(PATIENCE) {
+            let left = (10 * PATIENCE).saturating_sub(clock.now().since(begun));
+            match self.lines.recv_timeout(left.min(PATIENCE)) {
                 Ok(line) => {
                     self.said.push(line.clone());
                     if texts.iter().any(|text| line.contains(text)) {
                         return line;
                     }
                 }
-                Err(why) => panic!("{texts:?} was not said ({why}); it said:\n{}", self.said.join("\n")),
+                Err(why) => {
+                    let said = self.said.split_off(self.said.len().saturating_sub(200));
+                    panic!("{texts:?} was not said ({why}); it said last:\n{}", said.join("\n"))
+                }
             }
         }
     }
