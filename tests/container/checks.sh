@@ -90,6 +90,41 @@ a_wrong_profile_is_tried_five_times_and_no_more() {
     is restarts '5 64 exited' "$before"
 }
 
+# The commands of the manual, where `docker` is this engine, and whoever runs this is root.
+sudo() { "$@"; }
+docker() {
+    local words=() word
+    case $1 in
+    run) engine run --health-interval disable "${@:2}" ;;
+    compose)
+        # It has no terminal here.
+        for word in "${@:2}"; do words+=("$word"); [ "$word" != exec ] || words+=(-T); done
+        docker-compose "${words[@]}"
+        ;;
+    esac
+}
+# SECONDS COMMAND: it works within that time; what it said is in $job/said.
+works() {
+    local until=$((SECONDS + $1))
+    until (cd "$job/shop" && eval "$2") >"$job/said" 2>&1 </dev/null; do
+        [ "$SECONDS" -lt "$until" ] || { fails "$2: $(cat "$job/said")"; return 1; }
+        sleep 1
+    done
+}
+
+what_the_manual_says_makes_a_gateway_of_a_profile() {
+    rm -f "$job/etc"/*
+    mkdir -p "$job/shop" && ln -sfn "$PWD/docker" "$job/shop/docker" && cp profiles/parts-vmc.toml "$job/shop/my-machine.toml"
+    local command commands found=0
+    mapfile -t commands < <(tests/manual/commands docs/installing.md tests/container/run | grep -v docker/build)
+    for command in "${commands[@]}"; do
+        case $command in *' exec '*) works 60 "$command" ;; *) works 0 "$command" ;; esac || { found=1; break; }
+    done
+    [ "$found" = 1 ] || { says parts-vmc "$(cat "$job/said")" && is 'owner of the token' '10001:10001 600' "$(stat -c '%u:%g %a' "$token")" &&
+        is 'the page asks for it' 401 "$(curl --silent --output /dev/null --write-out '%{http_code}' http://127.0.0.1:8080/api/status)"; } || found=1
+    compose tcp down --volumes && return "$found"
+}
+
 with_serial_ports_it_is_in_their_group_and_sees_them() {
     profile parts-vmc
     local pid found
@@ -148,7 +183,7 @@ until [ -S "$job/engine.sock" ]; do sleep 0.1; done
 failed=0
 for check in the_image_has_one_program_and_no_shell the_image_says_who_runs_it_and_how_it_is_asked_for_its_health \
     it_runs_without_a_network_a_capability_or_a_place_to_write state_that_goes_with_the_container_is_warned_of_and_other_is_not \
-    a_wrong_profile_is_tried_five_times_and_no_more with_serial_ports_it_is_in_their_group_and_sees_them \
+    a_wrong_profile_is_tried_five_times_and_no_more what_the_manual_says_makes_a_gateway_of_a_profile with_serial_ports_it_is_in_their_group_and_sees_them \
     it_compensates_in_a_network_of_its_own_without_rights \
     its_page_answers_this_side_of_the_network_and_asks_for_the_token a_lost_device_is_sick_and_one_that_is_back_is_not \
     an_axis_that_a_person_switched_off_is_not_sick it_stops_at_zero_and_another_container_goes_on_with_its_state; do

@@ -14,7 +14,7 @@ mod process;
 
 mod bench;
 mod broken;
-mod demo;
+mod chapter;
 mod mill;
 mod modbus;
 mod samples;

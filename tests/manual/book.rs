@@ -23,6 +23,11 @@ impl Block {
         self.marks.iter().any(|known| known == mark)
     }
 
+    /// Its commands run in another test, or in none.
+    pub(crate) fn is_run_elsewhere(&self) -> bool {
+        self.says("by-hand").is_some() || self.says("by").is_some()
+    }
+
     /// What a mark says behind its `=`.
     pub(crate) fn says(&self, mark: &str) -> Option<&str> {
         self.marks.iter().find_map(|known| known.strip_prefix(mark)?.strip_prefix('='))

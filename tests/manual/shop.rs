@@ -1,8 +1,9 @@
 //! The directory in which a chapter's commands run: the manual's profile, logs of three cold starts, its devices as virtual ones.
 
 use std::fmt::Write;
+use std::io::{Read, Write as _};
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use super::book::{Chapter, chapters};
@@ -11,7 +12,11 @@ use super::process::{Running, file, free_port, isotherm, until};
 /// The machine of the manual, without its hardware.
 pub(crate) struct Shop {
     home: tempfile::TempDir,
-    profile: String,
+    pub(crate) profile: String,
+    /// Where the page of the gateway or demo is that goes on.
+    page: Option<String>,
+    /// What a person types at the next commands.
+    pub(crate) typed: &'static str,
     /// What goes on beside, until the block ends.
     beside: Vec<Running>,
     /// The devices, where the chapter does not start them itself.
@@ -34,12 +39,12 @@ impl Shop {
         }
         file(home.path(), "touches.csv", &touches());
         let starts_them = chapter.text.contains("\nisotherm virtual my-machine.toml");
-        let mut shop = Shop { home, profile, beside: Vec::new(), _devices: None };
+        let mut shop = Shop { home, profile, page: None, typed: "", beside: Vec::new(), _devices: None };
         shop._devices = (!starts_them).then(|| shop.begun("isotherm virtual my-machine.toml", "listens on"));
         shop
     }
 
-    fn home(&self) -> &Path {
+    pub(crate) fn home(&self) -> &Path {
         self.home.path()
     }
 
@@ -54,18 +59,23 @@ impl Shop {
         command
     }
 
-    fn begun(&self, line: &str, word: &str) -> Running {
+    /// What has begun when it says this, and goes on.
+    pub(crate) fn begun(&mut self, line: &str, word: &str) -> Running {
         let mut running = Running::start(&mut self.shell(line));
         running.hears(word);
+        let page = running.said.iter().find_map(|said| said.split_once("http://"));
+        self.page = page.map(|(_, page)| page.trim_end_matches('/').to_owned()).or(self.page.take());
         running
     }
 
     /// Runs a line until it ends, or until it has begun where it goes on; what it printed, and its exit code.
     pub(crate) fn run(&mut self, line: &str) -> (String, i32) {
         let line = self.today(line);
+        let line = self.page.as_ref().map_or(line.clone(), |page| line.replace("127.0.0.1:8080", page));
         let goes_on = match line.split_whitespace().nth(1) {
             Some("virtual") => Some("listens on"),
             Some("run") => Some("the gateway runs"),
+            Some("demo") if line.contains("--stay") => Some("http://"),
             _ => None,
         };
         if let Some(word) = goes_on {
@@ -73,9 +83,17 @@ impl Shop {
             self.beside.push(running);
             return (String::new(), 0);
         }
-        let output = self.shell(&line).output().unwrap();
-        let said = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap()).concat();
-        (said, output.status.code().unwrap_or(-1))
+        // In one, as on a terminal.
+        let (mut hears, says) = std::io::pipe().unwrap();
+        let mut command = self.shell(&line);
+        command.stdin(Stdio::piped()).stdout(says.try_clone().unwrap()).stderr(says);
+        let mut child = command.spawn().unwrap();
+        drop(command);
+        // Whoever asks for nothing may have ended by then.
+        let _ = child.stdin.take().unwrap().write_all(self.typed.as_bytes());
+        let mut said = String::new();
+        hears.read_to_string(&mut said).unwrap();
+        (said, child.wait().unwrap().code().unwrap_or(-1))
     }
 
     /// Ends what goes on, the last first, as Ctrl-C does; a gateway has decided some times by then.
@@ -114,12 +132,17 @@ impl Shop {
         format!("{}{log}{}", &line[..begin], &line[end..])
     }
 
+    /// From now on the machine's profile is this one.
+    pub(crate) fn write_profile(&self, text: &str) {
+        file(self.home(), "my-machine.toml", text);
+    }
+
     /// The profile with the mistakes that README makes.
     pub(crate) fn make_mistakes(&self) {
         let wrong =
             self.profile.replace("deadband", "dedband").replace("{ signal = \"bed\"", "{ signal = \"bad\"");
         assert_ne!(wrong, self.profile);
-        file(self.home(), "my-machine.toml", &wrong);
+        self.write_profile(&wrong);
     }
 }
 

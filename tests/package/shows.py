@@ -9,6 +9,7 @@ import os
 import random
 import re
 import signal
+import subprocess
 import sys
 import time
 
@@ -78,14 +79,14 @@ def ended_by_itself():
     assert "Deactivated successfully" in said and not re.search("timed out|SIGKILL|Killing|Failed", said), said
 
 
-def profile(**changes):
+def profile(to=PROFILE, **changes):
     """The profile of the machine, with some of its values changed."""
     values = {"rate": 20.0, "step": 5.0, "share": "whole", "address": f"10.0.2.2:{device.port}", **changes}
     with open(os.path.join(HERE, "walker.toml")) as text:
         whole = text.read()
     for name, value in values.items():
         whole = whole.replace(f"{{{name}}}", str(value))
-    computer.does(f"cat > {PROFILE} <<'END'\n{whole}\nEND")
+    computer.does(f"cat > {to} <<'END'\n{whole}\nEND")
 
 
 def begin(**changes):
@@ -255,6 +256,44 @@ def a_removal_stops_it_at_zero_and_leaves_what_people_made():
     computer.does(f"test -e {PROFILE} && test -e {STATE}/walker.state.json && ! test -e /usr/bin/isotherm")
     computer.does("dpkg -i /mnt/isotherm.deb")
     return said.splitlines()[-1]
+
+
+def is_typed(commands):
+    """As the manual has it, in the directory of a machine's profile; whoever is root needs no sudo."""
+    for command in commands:
+        computer.does(f'cd /srv/shop && sudo() {{ "$@"; }} && {command}')
+
+
+def it_runs_as_a_service_until_it_is_switched_off(counts):
+    walks_to(counts)
+    computer.does("systemctl is-active isotherm@my-machine && systemctl is-enabled isotherm@my-machine")
+    computer.does("systemctl disable --now isotherm@my-machine")
+    assert device.offset == 0, device.offset
+
+
+@check
+def what_the_manual_says_makes_a_service_of_a_profile_by_the_package_and_by_hand():
+    chapter = [os.path.join(HERE, "../manual/commands"), "docs/service.md", "tests/package/run"]
+    typed = subprocess.run(chapter, check=True, capture_output=True, text=True).stdout.splitlines()
+    first_by_hand = next(place for place, command in enumerate(typed) if "target/release/isotherm" in command)
+    computer.tries(f"systemctl disable --now {UNIT}; rm -rf {STATE}/*")
+    device.registers[10] = 0
+    computer.does("mkdir -p /srv/shop/target/release /srv/program")
+    profile("/srv/shop/my-machine.toml")
+    is_typed(typed[:first_by_hand])
+    it_runs_as_a_service_until_it_is_switched_off(400)
+
+    computer.does(f"dpkg --purge isotherm && userdel isotherm; rm -rf {STATE} /etc/isotherm; ! getent passwd isotherm")
+    computer.does("dpkg-deb --fsys-tarfile /mnt/isotherm.deb | tar --extract --directory /srv/program ./usr/bin/isotherm")
+    computer.does("cp /srv/program/usr/bin/isotherm /srv/shop/target/release && cp -r /mnt/packaging /srv/shop")
+    is_typed(typed[first_by_hand:])
+    it_runs_as_a_service_until_it_is_switched_off(300)
+    computer.does("rm /usr/bin/isotherm /etc/systemd/system/isotherm@.service /usr/lib/sysusers.d/isotherm.conf")
+    computer.does("systemctl daemon-reload && dpkg -i /mnt/isotherm.deb && mkdir -p /etc/isotherm")
+    # As it was before: what a disk does not have yet, a power cut takes.
+    profile()
+    computer.does("sync")
+    return f"{len(typed)} commands"
 
 
 @check
