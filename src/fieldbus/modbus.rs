@@ -3,12 +3,16 @@
 //! - Nobody can foresee a transaction number: a device that numbers answers of its own, or is ahead by one, meets none of
 //!   ours.
 //! - Bytes that answer no open question close the connection, as does whatever comes behind an answer. What came before a
-//!   question is found by its number; before a write it is looked for as well, so that the write need not go out.
+//!   question is found by its number; before a write it is looked for as well, so that the write need not go out, but
+//!   for one right behind an answer: whoever heard that has looked already.
 //! - A read may go out in the same segment behind another question, with a transaction number of its own.
 
 use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
 use std::io;
+use std::time::Duration;
+
+use isotherm_core::quantity::Moment;
 
 use super::departure::Departure;
 use super::error::{CallerFault, Fault, PeerFault};
@@ -23,6 +27,9 @@ mod behind;
 
 /// Transaction, protocol and length, behind which the length counts; and the unit.
 const HEADER: usize = 6;
+/// A write so soon after the question before it follows the answer at once: what came with that was seen, and looking
+/// again would cost a loop on one computer as much as half an answer.
+const AT_ONCE: Duration = Duration::from_millis(1);
 /// Header, unit and the longest message.
 const LONGEST: usize = HEADER + 1 + pdu::LONGEST;
 
@@ -36,6 +43,8 @@ pub struct ModbusTcp {
     received: Box<[u8; 2 * LONGEST]>,
     filled: usize,
     behind: Behind,
+    /// When the last question left that was answered.
+    answered: Option<Moment>,
 }
 
 /// What stands first in the bytes that have come.
@@ -57,6 +66,7 @@ impl ModbusTcp {
             received: Box::new([0; 2 * LONGEST]),
             filled: 0,
             behind: Behind::default(),
+            answered: None,
         }
     }
 
@@ -78,7 +88,7 @@ impl ModbusTcp {
             departure.left(asked);
             return answer;
         }
-        if !request.is_read() {
+        if !request.is_read() && !self.answered.is_some_and(|asked| departure.look().since(asked) < AT_ONCE) {
             self.expect_nothing()?;
         }
         self.question.clear();
@@ -90,7 +100,10 @@ impl ModbusTcp {
         if let Some((unit, request, transaction)) = behind {
             self.behind.left(unit, request, transaction, asked);
         }
-        self.hear(transaction, unit, |message| pdu::answer(request, message)).await
+        self.answered = None;
+        let answer = self.hear(transaction, unit, |message| pdu::answer(request, message)).await?;
+        self.answered = Some(asked);
+        Ok(answer)
     }
 
     /// Nothing has come that nobody asked for.
