@@ -22,9 +22,9 @@ const ARROWS: [(&str, &str, &[&str]); 14] = [
     ("crates/core", "compensation", &["border", "quantity", "reading"]),
     ("crates/core", "output", &["quantity"]),
     ("", "clock", &[]),
-    ("", "handshake", &[]),
-    ("", "fieldbus", &["clock", "handshake"]),
-    ("", "observe", &["clock", "handshake"]),
+    ("", "tls", &[]),
+    ("", "fieldbus", &["clock", "tls"]),
+    ("", "observe", &["clock", "tls"]),
     ("", "gateway", &["fieldbus", "clock", "observe::asker", "observe::events", "observe::status"]),
     ("", "discovery", &["clock", "fieldbus"]),
     (

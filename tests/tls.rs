@@ -13,7 +13,7 @@ use isotherm::fieldbus::error::{Fault, LinkFault};
 use isotherm::fieldbus::explain::explain;
 use isotherm::fieldbus::line::DeviceLine;
 use isotherm::fieldbus::wire::{Answer, Request};
-use isotherm::handshake::TlsFault;
+use isotherm::tls::TlsFault;
 use isotherm::virtual_machine::{Ports, Setup, VirtualMachine};
 use isotherm_core::codec::{Register, Table};
 use isotherm_profile::preview::Preview;

@@ -16,7 +16,7 @@ use super::tcp::connected;
 use super::tls::{self, Client};
 use super::trace::Tap;
 use super::wire::{Answer, Boxed, Request, Wire};
-use crate::handshake::TlsFault;
+use crate::tls::TlsFault;
 use isotherm_profile::{Bus, Serial, Transport};
 
 /// What opens connections.

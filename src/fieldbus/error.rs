@@ -2,7 +2,7 @@
 
 use super::canopen::abort::AbortCode;
 use super::opcua_fault::OpcUaFault;
-use crate::handshake::TlsFault;
+use crate::tls::TlsFault;
 use isotherm_core::reading::{Reason, Status, exception};
 
 /// Why a request has no answer. Small, so that a test is one comparison.

@@ -10,7 +10,7 @@ use isotherm_profile::Transport;
 use isotherm_profile::regular::without_numbers;
 
 use super::error::{Fault, LinkFault, PeerFault};
-use crate::handshake::TlsFault;
+use crate::tls::TlsFault;
 
 /// What to do, where the fault itself does not say it.
 pub const fn remedy(fault: Fault) -> Option<&'static str> {

@@ -16,7 +16,7 @@ use super::pdu;
 use super::port::{Port, Tapped};
 use super::trace::Tap;
 use super::wire::{Answer, Boxed, Request, Wire};
-use crate::handshake::TlsFault;
+use crate::tls::TlsFault;
 use behind::Behind;
 
 mod behind;

@@ -21,7 +21,7 @@ use super::visitor;
 use crate::fieldbus::eager::Eager;
 use crate::fieldbus::error::{Fault, LinkFault};
 use crate::fieldbus::port::Port;
-use crate::handshake::TlsFault;
+use crate::tls::TlsFault;
 use isotherm_profile::{Errors, Profile, ProfileError, Tls};
 
 /// What opens a secured connection: versions, ciphers, trust and key, and whom it is for.

@@ -10,7 +10,7 @@ use tokio_rustls::rustls::ClientConfig;
 use tokio_rustls::rustls::pki_types::ServerName;
 
 use super::broker::Fault;
-use crate::handshake::TlsFault;
+use crate::tls::TlsFault;
 use isotherm_profile::BrokerUrl;
 
 /// Bytes to a broker and back.

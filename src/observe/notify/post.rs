@@ -17,7 +17,7 @@ use tokio_rustls::rustls::ClientConfig;
 use tokio_rustls::rustls::pki_types::ServerName;
 
 use super::{Trust, answer, token};
-use crate::handshake::TlsFault;
+use crate::tls::TlsFault;
 use isotherm_profile::{Notify, Url};
 
 /// Of several addresses of a name each has this long, but the last: it has what is left.
