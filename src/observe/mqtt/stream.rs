@@ -49,6 +49,7 @@ async fn secure(
         .map_err(|_| Fault::Tls(format!("no certificate can be for the name `{}`", to.host)))?;
     let connected = TlsConnector::from(config).connect(name, stream).await;
     connected.map(|stream| Box::new(stream) as Box<dyn Bytes>).map_err(|error| {
+        tracing::debug!(%error, "no TLS connection");
         // What else ends it is no judgement.
         TlsFault::in_handshake(&error).map_or(Fault::Unreachable(error.kind()), secured)
     })

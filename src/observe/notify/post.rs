@@ -121,6 +121,7 @@ impl Failure {
 
 /// What TLS says of the other end.
 fn secured(error: &io::Error) -> Failure {
+    tracing::debug!(%error, "no TLS connection");
     let fault = TlsFault::in_handshake(error);
     fault.map_or(Failure::Unreachable(error.to_string()), |fault| Failure::Tls(fault.advised(remedy(fault))))
 }
