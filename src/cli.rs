@@ -34,6 +34,7 @@ mod identify;
 mod init;
 mod journal_stream;
 mod logs;
+mod looked;
 mod machines;
 mod man;
 mod measured;

@@ -20,6 +20,7 @@ use crate::fieldbus::dial;
 use crate::fieldbus::line::DeviceLine;
 use crate::observe::events::{Event, EventListener, Journal, file};
 use crate::observe::status::{BrokerFigures, Source};
+use isotherm_core::border::panic_message;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{AxisId, Bus, BusId, OnStop, Output, Profile};
 
@@ -431,7 +432,11 @@ impl Gateway {
     ) {
         let (id, why) = match ended {
             Ok(id) => (id, "it ended".to_owned()),
-            Err(error) => (error.id(), panic_message(error)),
+            Err(error) => {
+                let id = error.id();
+                let why = error.try_into_panic().map(|panic| panic_message(panic.as_ref()));
+                (id, why.unwrap_or_else(|error| error.to_string()))
+            }
         };
         let Some(bus) = lines.remove(&id) else { return };
         let task = format!("bus {}", self.shared.profile.bus(bus).name);
@@ -495,15 +500,5 @@ impl Gateway {
             sleeper.sleep(Duration::from_millis(100)).await;
         }
         true
-    }
-}
-
-fn panic_message(error: JoinError) -> String {
-    match error.try_into_panic() {
-        Ok(panic) => {
-            let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-            text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "panic".to_owned())
-        }
-        Err(error) => error.to_string(),
     }
 }

@@ -220,3 +220,21 @@ fn the_drift_of_every_machine_over_a_year_is_one_query_of_the_manual() {
         assert!((row.2 - range).abs() < 0.3 && (row.3 - drift).abs() < 0.1, "{found}");
     }
 }
+
+#[test]
+fn a_machine_that_has_not_run_here_is_said_to_be_one_with_the_directory_that_was_looked_into() {
+    let home = tempfile::tempdir().unwrap();
+    let (home, state) = (home.path(), home.path().join("state"));
+    let profile = profile(home, "mill-7", 1);
+    let words = format!(
+        "there are no logs of mill-7 in {}: this machine has not run here yet, or with another state directory, which --state names",
+        state.display()
+    );
+    let (code, said) = export(home, &profile);
+    assert!(code == 1 && said.contains(&words), "{words}\n{said}");
+    assert!(!said.contains("No such file") && !home.join("fleet").exists(), "{said}");
+    // Another machine may have.
+    std::fs::create_dir(&state).unwrap();
+    let (code, said) = export(home, &profile);
+    assert!(code == 0 && said.contains(&words), "{words}\n{said}");
+}

@@ -14,7 +14,7 @@ mod source;
 
 /// Which rooms of its crate each room may import, where Cargo cannot hold it. A name behind `::` narrows it to that part
 /// of the room. `src/lib.rs` and `crates/core/src/lib.rs` draw the same.
-const ARROWS: [(&str, &str, &[&str]); 13] = [
+const ARROWS: [(&str, &str, &[&str]); 14] = [
     ("crates/core", "border", &[]),
     ("crates/core", "quantity", &[]),
     ("crates/core", "reading", &["quantity"]),
@@ -22,8 +22,9 @@ const ARROWS: [(&str, &str, &[&str]); 13] = [
     ("crates/core", "compensation", &["border", "quantity", "reading"]),
     ("crates/core", "output", &["quantity"]),
     ("", "clock", &[]),
-    ("", "fieldbus", &["clock"]),
-    ("", "observe", &["clock"]),
+    ("", "tls", &[]),
+    ("", "fieldbus", &["clock", "tls"]),
+    ("", "observe", &["clock", "tls"]),
     ("", "gateway", &["fieldbus", "clock", "observe::asker", "observe::events", "observe::status"]),
     ("", "discovery", &["clock", "fieldbus"]),
     (

@@ -9,9 +9,11 @@ use std::sync::{Arc, Mutex};
 use isotherm::clock::Clock;
 use isotherm::fieldbus::departure::Leave;
 use isotherm::fieldbus::dial;
-use isotherm::fieldbus::error::{Fault, LinkFault, TlsFault};
+use isotherm::fieldbus::error::{Fault, LinkFault};
+use isotherm::fieldbus::explain::explain;
 use isotherm::fieldbus::line::DeviceLine;
 use isotherm::fieldbus::wire::{Answer, Request};
+use isotherm::tls::TlsFault;
 use isotherm::virtual_machine::{Ports, Setup, VirtualMachine};
 use isotherm_core::codec::{Register, Table};
 use isotherm_profile::preview::Preview;
@@ -201,7 +203,7 @@ async fn a_plain_server_is_no_secured_one() {
     let profile = secured(&address, "", &authority.cert, &ours).unwrap();
     let fault = asked(&profile).await.unwrap_err();
     assert_eq!(fault, Fault::Link(LinkFault::Tls(TlsFault::Silent)));
-    assert!(fault.to_string().contains("does it speak TLS"), "{fault}");
+    assert!(explain(fault).contains("does it speak TLS"), "{fault}");
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use isotherm_profile::{Errors, Profile};
 #[cfg(feature = "mqtt")]
 use {
+    super::looked::Looked,
     crate::fieldbus::tls,
     crate::gateway::make_directory,
     crate::observe::mqtt::{Publishing, kept_in, probe},
@@ -62,30 +63,6 @@ pub(super) async fn look(profile: &Profile) -> Option<Looked> {
     // What is wrong with its files has been reported.
     let trust = tls::broker(mqtt).unwrap_or_default();
     let fault = probe(profile, mqtt, trust).await.err();
-    Some(Looked { broker: mqtt.broker.to_string(), fault: fault.map(|fault| fault.to_string()) })
-}
-
-/// What came of a look at the broker.
-#[cfg(feature = "mqtt")]
-#[derive(Debug, serde::Serialize)]
-pub(super) struct Looked {
-    broker: String,
-    fault: Option<String>,
-}
-
-#[cfg(feature = "mqtt")]
-impl Looked {
-    /// The line of `check --online`.
-    pub(super) fn line(&self) -> String {
-        match &self.fault {
-            None => format!("  broker {}: takes the gateway; nothing was published", self.broker),
-            Some(fault) => format!("  broker {}: {fault}", self.broker),
-        }
-    }
-
-    /// A broker that does not take the gateway is a failure of the verb.
-    pub(super) fn judge(&self) -> anyhow::Result<()> {
-        let Looked { broker, fault } = self;
-        fault.as_ref().map_or(Ok(()), |fault| Err(anyhow::anyhow!("broker {broker}: {fault}")))
-    }
+    let well = "takes the gateway; nothing was published";
+    Some(Looked::at("broker", mqtt.broker.to_string(), well, fault.map(|fault| fault.to_string())))
 }

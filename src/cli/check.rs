@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 #[cfg(feature = "mqtt")]
 use super::broker;
 use super::certificate::Certificate;
-use super::notices::{self, Looked};
+use super::looked::Looked;
+use super::notices;
 use super::run::known_directory;
 use super::{ProfileArguments, gauge, load_quietly, print_json, warned};
 use crate::cli::say::{say, say_all, say_beside};
@@ -115,8 +116,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     gauge::judge(&status)?;
     #[cfg(feature = "mqtt")]
-    broker.iter().try_for_each(broker::Looked::judge)?;
-    Looked::judge(&servers)?;
+    broker.iter().try_for_each(Looked::judge)?;
+    servers.iter().try_for_each(Looked::judge)?;
     let unfit = pairs.iter().find(|tried| tried.fault.is_some());
     let unfit = unfit.map(|tried| format!("device {} does not bear two questions at a time", tried.device));
     unfit.map_or(Ok(()), |unfit| Err(anyhow::anyhow!("{unfit}: remove `pipeline` from its bus")))

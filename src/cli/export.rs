@@ -1,5 +1,6 @@
 //! `isotherm export`: what a gateway has logged, for engines that read Parquet.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
@@ -8,6 +9,7 @@ use serde::Serialize;
 use super::values::key_and_value;
 use super::{load_quietly, print_json, running};
 use crate::cli::say::{say, say_beside};
+use crate::fieldbus::explain::system;
 use crate::gateway::{log, make_directory};
 use crate::observe::events::file;
 
@@ -53,6 +55,17 @@ struct Days {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let profile = load_quietly(&arguments.profile, &arguments.set, false)?.profile;
     let (directory, machine) = (running::directory(arguments.state.as_deref(), &profile)?, &profile.name);
+    let none = || {
+        format!(
+            "there are no logs of {machine} in {}: this machine has not run here yet, or with another state directory, which --state \
+             names, or `directory` in [history] of the profile",
+            directory.display()
+        )
+    };
+    let days = file::days(&directory, machine).map_err(|error| match error.kind() {
+        ErrorKind::NotFound => anyhow::anyhow!("{}", none()),
+        _ => anyhow::anyhow!("{} cannot be read: {}", directory.display(), system(&error)),
+    })?;
     let place = |kind: &str| {
         let place = arguments.parquet.join(kind);
         make_directory(&place).with_context(|| format!("{} cannot be made", place.display()))?;
@@ -66,15 +79,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         })?;
     }
     let to = place("events")?;
-    let days =
-        file::days(&directory, machine).with_context(|| format!("{} cannot be read", directory.display()))?;
     for day in days {
         let log = file::path(&directory, machine, &day);
         let name = to.join(format!("{machine}-{day}.parquet"));
         happened.take(std::slice::from_ref(&log), &name, |to| events::write(machine, &log, to))?;
     }
     if decided.written + decided.unchanged + happened.written + happened.unchanged == 0 {
-        say_beside!("there are no logs of {machine} in {}", directory.display());
+        say_beside!("{}", none());
     }
     if arguments.json {
         return print_json(

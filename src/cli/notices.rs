@@ -3,8 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use serde::Serialize;
-
+use super::looked::Looked;
 use crate::fieldbus::tls;
 use crate::observe::notify::{Server, Trust, read_token};
 use isotherm_profile::{Notify, Profile};
@@ -28,14 +27,6 @@ pub(super) fn hindered(profile: &Profile) -> Vec<String> {
     profile.notify.iter().flat_map(of).collect()
 }
 
-/// What came of a look at a server.
-#[derive(Debug, Serialize)]
-pub(super) struct Looked {
-    name: String,
-    to: String,
-    fault: Option<String>,
-}
-
 /// Connects to each server, to all at once, as far as to the end of a TLS handshake; nothing is posted.
 pub(super) fn look(profile: &Profile) -> anyhow::Result<Vec<Looked>> {
     if profile.notify.is_empty() {
@@ -51,30 +42,12 @@ pub(super) fn look(profile: &Profile) -> anyhow::Result<Vec<Looked>> {
         let mut looked = Vec::new();
         for (notify, look) in looks {
             let fault = look.await?.err().map(|fault| fault.to_string());
-            looked.push(Looked { name: notify.name.clone(), to: notify.url.to_string(), fault });
+            let well = "is there; nothing was posted";
+            looked.push(Looked::at(&notify.name, notify.url.to_string(), well, fault));
         }
         anyhow::Ok(looked)
     });
     // A name that is still looked up is not waited for.
     runtime.shutdown_background();
     looked
-}
-
-impl Looked {
-    /// The line of `check --online`.
-    pub(super) fn line(&self) -> String {
-        let Looked { name, to, fault } = self;
-        match fault {
-            None => format!("  {name} ({to}): is there; nothing was posted"),
-            Some(fault) => format!("  {name} ({to}): {fault}"),
-        }
-    }
-
-    /// A server that is not there is a failure of the verb.
-    pub(super) fn judge(all: &[Looked]) -> anyhow::Result<()> {
-        let absent = all.iter().find_map(|looked| Some((looked, looked.fault.as_ref()?)));
-        absent.map_or(Ok(()), |(looked, fault)| {
-            Err(anyhow::anyhow!("{}: nothing can be posted to {}: {fault}", looked.name, looked.to))
-        })
-    }
 }

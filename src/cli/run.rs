@@ -133,13 +133,21 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         let outcome = gateway.run(after(1), after(2)).await;
         // Nobody holds the machine until the next program does: that one does not wait for messages.
         let patience = || after(if outcome.handover.is_some() { 0 } else { 2 });
+        let posted = async {
+            if let Some(posting) = posting {
+                posting.finish(patience()).await;
+            }
+        };
         #[cfg(feature = "mqtt")]
-        if let Some(publishing) = publishing {
-            publishing.finish(patience()).await;
-        }
-        if let Some(posting) = posting {
-            posting.finish(patience()).await;
-        }
+        let posted = async {
+            let published = async {
+                if let Some(publishing) = publishing {
+                    publishing.finish(patience()).await;
+                }
+            };
+            tokio::join!(published, posted);
+        };
+        posted.await;
         anyhow::Ok(outcome)
     })?;
     anyhow::ensure!(!outcome.failed, "something failed inside (see above); {}", outcome.left);

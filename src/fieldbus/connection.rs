@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::departure::Departure;
 use super::eager::Eager;
-use super::error::{Fault, LinkFault, TlsFault};
+use super::error::{Fault, LinkFault};
 use super::modbus::ModbusTcp;
 #[cfg(not(feature = "opcua"))]
 use super::opcua_fault::OpcUaFault;
@@ -16,6 +16,7 @@ use super::tcp::connected;
 use super::tls::{self, Client};
 use super::trace::Tap;
 use super::wire::{Answer, Boxed, Request, Wire};
+use crate::tls::TlsFault;
 use isotherm_profile::{Bus, Serial, Transport};
 
 /// What opens connections.

@@ -2,6 +2,7 @@
 
 use super::canopen::abort::AbortCode;
 use super::opcua_fault::OpcUaFault;
+use crate::tls::TlsFault;
 use isotherm_core::reading::{Reason, Status, exception};
 
 /// Why a request has no answer. Small, so that a test is one comparison.
@@ -125,63 +126,6 @@ pub enum LinkFault {
     /// It is down, and not yet time to try again.
     #[error("no connection")]
     Down,
-}
-
-/// Why a connection cannot be secured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
-pub enum TlsFault {
-    /// The device's certificate is too old.
-    #[error("the device's certificate has expired, or this computer's clock is wrong")]
-    Expired,
-    /// It will be valid later.
-    #[error("the device's certificate is not valid yet, or this computer's clock is wrong")]
-    NotYetValid,
-    /// It is for another name.
-    #[error(
-        "the device's certificate is for another name: put the one it has into `tls.name`, or the certificate \
-         itself into the file of `tls.ca`"
-    )]
-    OtherName,
-    /// Nobody whom we trust has signed it.
-    #[error("nobody in the file of `tls.ca` has signed the device's certificate")]
-    UnknownAuthority,
-    /// It is wrong in another way.
-    #[error(
-        "the device's certificate is of no use as a device's; one that it has signed itself is trusted by putting \
-         that very certificate into the file of `tls.ca`"
-    )]
-    BadCertificate,
-    /// The device finds the gateway's certificate too old.
-    #[error("the device finds that the certificate in `tls.cert` has expired: renew it")]
-    OursExpired,
-    /// The device does not take the gateway's certificate.
-    #[error(
-        "the device does not take the certificate in `tls.cert`: does it know who signed it, and its role?"
-    )]
-    OursRefused,
-    /// No version, cipher or signature that both ends know.
-    #[error("no TLS version or cipher in common: this end speaks 1.2 with ECDHE, and 1.3")]
-    NothingInCommon,
-    /// Whoever listens there does not speak TLS.
-    #[error("whoever listens there does not speak TLS: its secured port is usually 802")]
-    NoTls,
-    /// It closed the connection in the middle of the handshake, without a word.
-    #[error(
-        "closed in the middle of the TLS handshake: does it speak TLS, and does it let in another client?"
-    )]
-    Silent,
-    /// It closed the connection after the handshake, before its first answer.
-    #[error(
-        "closed before the first answer: does the device take the certificate in `tls.cert`, and does it let in \
-         another client?"
-    )]
-    TurnedAway,
-    /// It ended the handshake for another reason.
-    #[error("the device ended the TLS handshake")]
-    Refused,
-    /// What the profile names for the gateway's own end is of no use.
-    #[error("the files in `tls` are of no use: `isotherm check` says why")]
-    OurFiles,
 }
 
 /// What is wrong with a CAN interface.

@@ -10,6 +10,7 @@ use isotherm_profile::Transport;
 use isotherm_profile::regular::without_numbers;
 
 use super::error::{Fault, LinkFault, PeerFault};
+use crate::tls::TlsFault;
 
 /// What to do, where the fault itself does not say it.
 pub const fn remedy(fault: Fault) -> Option<&'static str> {
@@ -53,6 +54,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
             "end it, a gateway that is running included (`isotherm status` shows it)"
         }
         Fault::Link(LinkFault::Unsuited) => "does the adapter know this speed?",
+        Fault::Link(LinkFault::Tls(fault)) => return remedy_inside_tls(fault),
         Fault::Peer(PeerFault::Malformed) => {
             "on a serial line: baud rate, parity, or two units with one number; over TCP: is it RTU over TCP?"
         }
@@ -83,6 +85,32 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         Fault::Part { status, .. } => return remedy(Fault::Status(status)),
         Fault::Unreadable { reason, .. } => return remedy(Fault::of_a_node(reason)),
         _ => return None,
+    })
+}
+
+/// The same of Modbus inside TLS.
+const fn remedy_inside_tls(fault: TlsFault) -> Option<&'static str> {
+    Some(match fault {
+        TlsFault::OtherName => {
+            "put the one it has into `tls.name`, or the certificate itself into the file of `tls.ca`"
+        }
+        TlsFault::UnknownAuthority => "put whoever has into the file of `tls.ca`",
+        TlsFault::BadCertificate => {
+            "one that a device has signed itself is trusted by putting that very certificate into the file of `tls.ca`"
+        }
+        TlsFault::OursExpired => "renew the one in `tls.cert`",
+        TlsFault::OursMissing | TlsFault::OursRefused => {
+            "does it know who signed the one in `tls.cert`, and its role?"
+        }
+        TlsFault::NoTls => "its secured port is usually 802",
+        TlsFault::Silent => "does it speak TLS, and does it let in another client?",
+        TlsFault::TurnedAway => {
+            "does it take the certificate in `tls.cert`, and does it let in another client?"
+        }
+        TlsFault::OurFiles => "`isotherm check` says why",
+        TlsFault::Expired | TlsFault::NotYetValid | TlsFault::NothingInCommon | TlsFault::Refused => {
+            return None;
+        }
     })
 }
 
@@ -156,7 +184,7 @@ pub fn system(error: &Error) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fieldbus::error::{CanFault, TlsFault};
+    use crate::fieldbus::error::CanFault;
     use isotherm_core::reading::Reason;
 
     /// Whoever reads it knows what to look at: it asks, names a command, or says what to do.

@@ -27,29 +27,26 @@ use super::backoff::Backoff;
 use super::connection::{Connection, Dial};
 use super::departure::{Departure, Leave};
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
-use super::owed::{Debts, Owed, Spans};
+use super::owed::{Owed, Spans};
 use super::pipeline::Pipeline;
 use super::trace::Tap;
 use super::wire::{Answer, NodeRequest, Request};
 use crate::clock::{Clock, Patience};
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{Bus, Device, DeviceId, Functions, Quirks};
+use isotherm_profile::{Bus, Device, DeviceId};
+use units::{FIRST_PAUSE, Units};
+
+mod units;
 
 /// How many timeouts a late answer is given, beyond the first, before its unit is asked again.
 pub const GRACE: u32 = 3;
 /// Misses in a row after which a line without transactions is opened again.
 const MISSES: u32 = 2;
-/// No such unit is left alone for less after a miss: where timeouts are short, an answer may be later than four of them.
-const SHORTEST_REST: Duration = Duration::from_millis(750);
-/// Misses in a row of a unit that has answered before, on such a line, that make no pause longer.
-const PATIENT: u32 = 3;
 /// A connection that lives for less than this, after it has brought answers, was taken away by somebody.
 const SHORT_LIFE: Duration = Duration::from_secs(5);
 /// Short lives in a row after which we give way: a device that accepts one client drops the first for the second, and
 /// two masters that both come back at once would keep each other from working for ever.
 const SHORT_LIVES: u32 = 3;
-/// The first pause after a failure.
-const FIRST_PAUSE: Duration = Duration::from_secs(1);
 
 /// The owner of a line: nobody else speaks on it.
 pub struct DeviceLine {
@@ -63,9 +60,7 @@ pub struct DeviceLine {
     pause_after_connect: Duration,
     redial: Backoff,
     refused: Fault,
-    units: Vec<Unit>,
-    /// What the units still owe, by their numbers.
-    owed: Debts,
+    units: Units,
     /// Answers do not name their questions.
     is_nameless: bool,
     pipeline: Pipeline,
@@ -113,34 +108,11 @@ pub trait Witness: Send + Sync {
     fn subscribes(&self, _device: DeviceId, _what: String) {}
 }
 
-/// One device on the line.
-#[derive(Debug)]
-struct Unit {
-    device: DeviceId,
-    number: u8,
-    functions: Functions,
-    quirks: Quirks,
-    breaker: Backoff,
-    last_fault: Fault,
-}
-
 impl DeviceLine {
     /// A line that has not been connected yet, for these devices of a profile.
     pub fn new(bus: &Bus, devices: &[(DeviceId, &Device)], dial: Box<dyn Dial>, clock: &Clock) -> DeviceLine {
         let pauses = devices.iter().map(|(_, device)| device.quirks.pause_after_connect);
         let pause_after_connect = pauses.fold(bus.quirks.pause_after_connect, Duration::max);
-        let units = devices
-            .iter()
-            .map(|(id, device)| Unit {
-                device: *id,
-                number: device.unit,
-                functions: device.functions,
-                quirks: device.quirks,
-                breaker: Backoff::new(FIRST_PAUSE, seed(&device.name)),
-                last_fault: Fault::Link(LinkFault::Down),
-            })
-            .collect();
-        let owed = Debts::of_units(devices.iter().map(|(_, device)| device.unit));
         DeviceLine {
             dial,
             departure: Departure::whenever(clock),
@@ -151,8 +123,7 @@ impl DeviceLine {
             pause_after_connect,
             redial: Backoff::new(FIRST_PAUSE, seed(&bus.name)),
             refused: Fault::Link(LinkFault::Down),
-            units,
-            owed,
+            units: Units::of(devices),
             is_nameless: false,
             pipeline: Pipeline::new(
                 bus.pipeline > 1 && devices.iter().all(|(_, device)| device.quirks.bear_two()),
@@ -218,9 +189,7 @@ impl DeviceLine {
 
     /// What this device is, or the line without one, begins anew: whatever rests there need rest no longer.
     pub fn revive(&mut self, device: Option<DeviceId>) {
-        for unit in self.units.iter_mut().filter(|unit| device.is_none_or(|one| one == unit.device)) {
-            unit.breaker.succeed();
-        }
+        self.units.revive(device);
         if device.is_none() {
             self.redial.succeed();
             self.yielding.succeed();
@@ -234,14 +203,14 @@ impl DeviceLine {
 
     /// Whether this device is left alone now, after a failure.
     pub fn is_resting(&self, device: DeviceId, now: Moment) -> bool {
-        self.units.iter().any(|unit| unit.device == device && !unit.breaker.allows(now))
+        self.units.get(device).is_some_and(|unit| !unit.breaker.allows(now))
     }
 
     /// When a request to this device that was not answered may be asked again, on a line where that says nothing yet of
     /// the device: an RTU line loses an answer now and then.
     pub fn again_at(&self, device: DeviceId) -> Option<Moment> {
-        let unit = self.units.iter().find(|unit| unit.device == device).filter(|_| self.is_nameless)?;
-        let owed = self.owed.get(unit.number).and_then(|owed| owed.again_at(self.spans()));
+        let unit = self.units.get(device).filter(|_| self.is_nameless)?;
+        let owed = self.units.owed.get(unit.number).and_then(|owed| owed.again_at(self.spans()));
         let rests = unit.breaker.not_before().max(self.redial.not_before());
         Some(owed.max(rests).unwrap_or_default().max(self.looked()))
     }
@@ -257,7 +226,7 @@ impl DeviceLine {
     pub fn ask_behind(&mut self, read: Option<(DeviceId, Request<'static>)>) {
         let now = self.departure.looked();
         let allowed = |device: DeviceId, request: Request<'_>| {
-            let unit = self.units.iter().find(|unit| unit.device == device)?;
+            let unit = self.units.get(device)?;
             (unit.functions.allow(request.function()) && unit.breaker.allows(now)).then_some(unit.number)
         };
         let read = read.and_then(|(device, request)| Some((allowed(device, request)?, request)));
@@ -280,10 +249,10 @@ impl DeviceLine {
         request: Request<'_>,
         leave: Leave,
     ) -> Result<Answered, Fault> {
-        let Some(place) = self.units.iter().position(|unit| unit.device == device) else {
+        let Some(place) = self.units.place(device) else {
             return Err(Fault::Caller(CallerFault::Extent));
         };
-        let unit = &self.units[place];
+        let unit = self.units.at(place);
         if !unit.functions.allow(request.function()) {
             return Err(Fault::Caller(CallerFault::Function));
         }
@@ -298,7 +267,7 @@ impl DeviceLine {
             return Err(Fault::CLOSED);
         }
         let number = unit.number;
-        let not_before = self.owed.get(number).and_then(|owed| owed.not_before(request, self.spans()));
+        let not_before = self.units.owed.get(number).and_then(|owed| owed.not_before(request, self.spans()));
         if not_before.is_some_and(|moment| now < moment) {
             return Err(if request.is_read() { unit.last_fault } else { Fault::Caller(CallerFault::Owed) });
         }
@@ -328,9 +297,9 @@ impl DeviceLine {
                 let took = self.departure.took();
                 self.took = took;
                 for late in connection.wire().heard_late() {
-                    self.owed.of(late).distrust();
+                    self.units.owed.of(late).distrust();
                 }
-                let owed = self.owed.of(number);
+                let owed = self.units.owed.of(number);
                 first_asked = owed.first_asked(request);
                 answer = match exchanged {
                     // One that was found after its time comes too late, also where nobody looked in between.
@@ -380,7 +349,7 @@ impl DeviceLine {
             }
             let _ = self.connect(now).await;
             if !has_ids && answer == Err(Fault::BROKEN) {
-                self.rest(place, Fault::BROKEN, now);
+                self.units.rest(place, Fault::BROKEN, now, self.spans());
             }
             break answer;
         };
@@ -426,15 +395,17 @@ impl DeviceLine {
                 if has_ids {
                     // The pause begins when the timeout is over, else several dead units would have none left.
                     let waited = if *fault == Fault::Timeout { self.timeout } else { Duration::ZERO };
-                    self.units[place].breaker.fail(now.after(waited));
-                    self.units[place].last_fault = *fault;
+                    let unit = self.units.at_mut(place);
+                    unit.breaker.fail(now.after(waited));
+                    unit.last_fault = *fault;
                 } else {
-                    self.misses(place, request, *fault, now);
+                    let asked = self.departure.asked().unwrap_or(now);
+                    self.units.misses(place, (request, asked), *fault, now, self.spans());
                 }
             }
             _ => {
                 self.misses = 0;
-                let unit = &mut self.units[place];
+                let unit = self.units.at_mut(place);
                 unit.breaker.succeed();
                 if unit.quirks.close_after_each {
                     self.wire = None;
@@ -448,7 +419,7 @@ impl DeviceLine {
     /// Hangs up: what is on its way on the connection belongs to a time that is over.
     pub fn hang_up(&mut self) {
         self.wire = None;
-        self.owed.each().for_each(Owed::anything);
+        self.units.owed.each().for_each(Owed::anything);
     }
 
     /// Takes leave of the other end, for no longer than it is waited for an answer.
@@ -473,46 +444,13 @@ impl DeviceLine {
         is_contested
     }
 
-    /// No answer, where a late one would not say what it answers: of a prompt unit it is lost, and it may be asked again;
-    /// another is left alone until what it owes has had its time.
-    fn misses(&mut self, place: usize, request: Request<'_>, fault: Fault, now: Moment) {
-        let asked = self.departure.asked().unwrap_or(now);
-        let owed = self.owed.of(self.units[place].number);
-        let is_lost =
-            matches!(fault, Fault::Timeout | Fault::Peer(PeerFault::Malformed | PeerFault::Foreign));
-        if !is_lost {
-            owed.distrust();
-        }
-        self.units[place].last_fault = fault;
-        if !owed.misses(request, asked, now.after(self.timeout)) {
-            self.rest(place, fault, now);
-        }
-    }
-
-    /// A unit whose answer may still come, and would not say what it answers, is left alone for as long as that takes:
-    /// by each of the devices that are this unit. Where that is longer than a miss or two are worth, for a pause that
-    /// doubles.
-    fn rest(&mut self, place: usize, fault: Fault, now: Moment) {
-        let quiet = now.after((self.timeout * (1 + GRACE)).max(self.timeout + SHORTEST_REST));
-        let number = self.units[place].number;
-        let owed = self.owed.of(number);
-        owed.anything();
-        if !owed.has_answered() || !(1..=PATIENT).contains(&owed.missed()) {
-            self.units[place].breaker.fail(now.after(self.timeout));
-        }
-        for unit in self.units.iter_mut().filter(|unit| unit.number == number) {
-            unit.breaker.not_before_either(quiet);
-            unit.last_fault = fault;
-        }
-    }
-
     /// There is a connection, nothing is on its way to us, and the unit has had its pause. `Done`, to begin with.
     async fn make_ready(&mut self, place: usize, request: Request<'_>, now: Moment) -> Result<Answer, Fault> {
         if self.wire.is_none() {
             self.connect(now).await?;
         }
-        self.hear_out(self.units[place].number, request).await?;
-        let unit = &self.units[place];
+        self.hear_out(self.units.at(place).number, request).await?;
+        let unit = self.units.at(place);
         let pause = unit.quirks.pause_between_requests;
         if self.spoke && !pause.is_zero() {
             self.departure.away_for(pause);
@@ -527,7 +465,7 @@ impl DeviceLine {
     async fn hear_out(&mut self, number: u8, request: Request<'_>) -> Result<(), Fault> {
         let spans = self.spans();
         let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
-        let owed = self.owed.of(number);
+        let owed = self.units.owed.of(number);
         loop {
             // On a new connection nothing waits yet of what is said out of turn.
             let least = if self.has_answered { Duration::ZERO } else { self.timeout };
@@ -548,8 +486,8 @@ impl DeviceLine {
             }
         }
         if !connection.wire().has_transaction_id() {
-            connection.wire().pass_over(self.owed.marks().collect());
-            self.owed.each().for_each(|owed| owed.forget(spans));
+            connection.wire().pass_over(self.units.owed.marks().collect());
+            self.units.owed.each().for_each(|owed| owed.forget(spans));
         }
         Ok(())
     }

@@ -15,12 +15,12 @@ use std::time::Duration;
 use isotherm_core::quantity::Moment;
 
 use super::departure::Departure;
-use super::error::{CallerFault, Fault, PeerFault};
+use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::pdu;
 use super::port::{Port, Tapped};
-use super::tls::tls_fault;
 use super::trace::Tap;
 use super::wire::{Answer, Boxed, Request, Wire};
+use crate::tls::TlsFault;
 use behind::Behind;
 
 mod behind;
@@ -112,7 +112,7 @@ impl ModbusTcp {
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {
                 Ok(())
             }
-            Err(error) => Err(tls_fault(&error).unwrap_or(Fault::CLOSED)),
+            Err(error) => Err(judged(&error, Fault::CLOSED)),
             Ok(0) => Err(Fault::CLOSED),
             Ok(_) => Err(Fault::Peer(PeerFault::Unasked)),
         }
@@ -206,7 +206,12 @@ impl First {
 }
 
 fn broken(error: io::Error) -> Fault {
-    tls_fault(&error).unwrap_or(Fault::BROKEN)
+    judged(&error, Fault::BROKEN)
+}
+
+/// What TLS says of it, or else what it is.
+fn judged(error: &io::Error, otherwise: Fault) -> Fault {
+    TlsFault::of(error).map_or(otherwise, |fault| Fault::Link(LinkFault::Tls(fault)))
 }
 
 impl Wire for ModbusTcp {

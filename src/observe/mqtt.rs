@@ -29,10 +29,10 @@ use happenings::Happenings;
 use isotherm_core::quantity::Moment;
 use isotherm_plant::sparkplug::Address;
 use isotherm_plant::{Json, JsonSettings, Publisher};
-use isotherm_profile::{Mqtt, MqttFormat, Profile};
+use isotherm_profile::{Mqtt, MqttFormat, Profile, stop};
 use kept::Kept;
 use node::Node;
-use run::{LAST_PATIENCE, Runner};
+use run::Runner;
 
 mod broker;
 mod client;
@@ -107,12 +107,12 @@ impl Publishing {
         Ok(Publishing { stop, ended, _thread: thread })
     }
 
-    /// The gateway has ended: the last state and that it is gone are published, within a few seconds, or until `hurry` is ready.
+    /// The gateway has ended: the last state and that it is gone are published, for at most [`stop::BROKER`], or until `hurry` is ready.
     pub async fn finish(self, hurry: impl Future<Output = ()>) {
         self.stop.send_replace(true);
         tokio::select! {
             _ = self.ended => {}
-            () = tokio::time::sleep(LAST_PATIENCE * 2) => {}
+            () = tokio::time::sleep(stop::BROKER) => {}
             () = hurry => {}
         }
     }

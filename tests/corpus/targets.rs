@@ -33,6 +33,8 @@ use isotherm_core::codec::{
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_identify::dataset::{Dataset, Split, every_column};
+use isotherm_plant::sparkplug::{Address as Node, Sparkplug};
+use isotherm_plant::{Command, Json, JsonSettings, Metric, Outcome, Publisher, Snapshot, Subject, Value};
 use isotherm_profile::plan::plan;
 use isotherm_profile::{Commands, Device, Profile, Quirks, Signal};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadBuf};
@@ -43,7 +45,7 @@ use tokio::runtime::Runtime;
 pub(crate) type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub(crate) const TARGETS: [Target; 14] = [
+pub(crate) const TARGETS: [Target; 15] = [
     ("codec", codec),
     ("plan", planner),
     ("profile", profile_text),
@@ -58,6 +60,7 @@ pub(crate) const TARGETS: [Target; 14] = [
     ("server", server),
     ("canopen", canopen),
     ("http", http),
+    ("command", command),
 ];
 
 /// Bytes taken from the front; zeros when there are none left.
@@ -361,6 +364,50 @@ pub(crate) fn http(data: &[u8]) {
     });
     assert!(answer.is_empty() || answer.starts_with(b"HTTP/1."), "{}", String::from_utf8_lossy(&answer));
     assert!(!PANICKED.load(Ordering::Relaxed), "the server panicked");
+}
+
+/// What hosts ask for over a broker, as Sparkplug B and as JSON have it: a number for an axis that there is, or a refusal in a line.
+pub(crate) fn command(data: &[u8]) {
+    let now = Moment::from_nanos(1_800_000_000_000_000_000);
+    let armed = Metric {
+        subject: Subject::Axis("z".to_owned()),
+        name: "is_armed",
+        value: Some(Value::Flag(true)),
+        kind: Value::Flag(false),
+        unit: "",
+        resolution: 0.0,
+        at: now,
+    };
+    let snapshot = Snapshot { metrics: vec![armed], events: Vec::new() };
+    let mut node = Sparkplug::new(Node::new("shop", "press").expect("an address"), 0, true);
+    node.will();
+    node.connected(now, &snapshot);
+    let topic = node.subscriptions()[0].filter.clone();
+    let reaction = node.received(now, &snapshot, &topic, data);
+    assert!(reaction.messages.iter().all(|message| message.topic.starts_with("spBv1.0/shop/")));
+    match reaction.outcome {
+        Some(Outcome::Asked(Command::Measured { axis, error_um })) => {
+            assert!(axis == "z" && error_um.is_finite(), "{axis}: {error_um}");
+        }
+        Some(Outcome::Refused { command, why }) => {
+            assert!(!why.is_empty() && command.len() < 1000, "{command}: {why}");
+            assert!(!format!("{command}{why}").contains(char::is_control), "{command}: {why}");
+        }
+        None => {}
+    }
+    let mut json = Json::new(JsonSettings {
+        group: "shop".to_owned(),
+        machine: "press".to_owned(),
+        version: "0".to_owned(),
+        refresh: Duration::from_secs(60),
+        takes_measured: true,
+        home_assistant: false,
+    });
+    match json.received(now, &snapshot, "shop/press/command/measured", data).outcome {
+        Some(Outcome::Asked(Command::Measured { error_um, .. })) => assert!(error_um.is_finite()),
+        Some(Outcome::Refused { why, .. }) => assert!(!why.is_empty()),
+        None => panic!("it comes to nothing"),
+    }
 }
 
 /// Requests to a virtual device, in frames of TCP or RTU: each is answered within a frame, or refused.

@@ -60,7 +60,7 @@ fn a_token_in_the_address_has_a_file_and_the_address_is_shown_without_both() {
 }
 
 #[test]
-fn how_long_a_stop_takes_is_said_with_the_messages_and_without() {
+fn how_long_a_stop_takes_is_said_with_whoever_is_told_of_it_and_without() {
     let stop = |text: &str| {
         let profile = parse(text).unwrap_or_else(|errors| panic!("{errors}")).profile;
         let said = Preview::of(&profile).to_string();
@@ -68,6 +68,15 @@ fn how_long_a_stop_takes_is_said_with_the_messages_and_without() {
     };
     assert!(stop(&posts(TABLE)).trim_end().ends_with(", then at most 2s until the last messages are posted"));
     assert!(!stop(GRINDER).contains("messages"));
+    let broker = "[mqtt]\nbroker = \"mqtt://127.0.0.1:1883\"\n\n";
+    assert!(
+        stop(&format!("{broker}{GRINDER}"))
+            .trim_end()
+            .ends_with(", then at most 4s until the broker has the last state")
+    );
+    // Both are waited for at once.
+    let both = ", then at most 4s until the broker has the last state and the last messages are posted";
+    assert!(stop(&format!("{broker}{}", posts(TABLE))).trim_end().ends_with(both));
 }
 
 #[test]

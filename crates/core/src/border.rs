@@ -2,6 +2,7 @@
 //! panic at what its authors did not think of. That is the file's or the peer's fault: it ends here, in a sentence, and nothing is printed
 //! beside it.
 
+use std::any::Any;
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::sync::Once;
@@ -35,6 +36,12 @@ pub fn beyond<T>(run: impl FnOnce() -> T) -> Result<T, Panicked> {
     ran.map_err(|_| Panicked)
 }
 
+/// What a panic says, of whomever.
+pub fn panic_message(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "panic".to_owned())
+}
+
 /// The ONNX runtime computes in a thread of its own, which it names.
 fn is_beyond() -> bool {
     BEYOND.get() || std::thread::current().name().is_some_and(|name| name.starts_with("rten-"))
@@ -51,6 +58,8 @@ mod tests {
             assert_eq!(beyond(|| -> u8 { panic!("a length below zero") }), Err(Panicked));
             assert!(!BEYOND.get(), "a panic of our own is shown again");
         }
+        let panic = std::thread::spawn(|| -> u8 { panic!("no {}", 7) }).join().unwrap_err();
+        assert_eq!(panic_message(panic.as_ref()), "no 7");
         let inner = beyond(|| (beyond::<()>(|| panic!("deeper")), BEYOND.get()));
         assert_eq!(inner, Ok((Err(Panicked), true)));
     }

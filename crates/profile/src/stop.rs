@@ -9,6 +9,8 @@ use isotherm_core::quantity::Micron;
 const REST: Duration = Duration::from_secs(2);
 /// How long the last messages to servers are waited for after all of that.
 pub const MESSAGES: Duration = Duration::from_secs(2);
+/// How long the broker is waited for meanwhile: to take the last state, and to let go.
+pub const BROKER: Duration = Duration::from_secs(4);
 
 /// How long the fault actions take at most, where each axis has so far to go: with its Cz, and with its slope.
 pub fn fault_actions(profile: &Profile, ways: impl IntoIterator<Item = [Micron; 2]>) -> Duration {
@@ -39,6 +41,12 @@ pub fn longest(profile: &Profile) -> Duration {
 pub fn hold(profile: &Profile) -> Duration {
     let slowest = profile.buses.iter().map(|bus| bus.timeout * 6).max();
     slowest.unwrap_or_default() + REST
+}
+
+/// How long whoever is told of the machine is waited for after all of that; `None` where nobody is told.
+pub fn told(profile: &Profile) -> Option<Duration> {
+    let broker = profile.mqtt.as_ref().map(|_| BROKER);
+    broker.max((!profile.notify.is_empty()).then_some(MESSAGES))
 }
 
 /// How long a write that was not answered may keep the next step of a register waiting, of those that are changed in steps.

@@ -6,7 +6,7 @@ use crate::clock::{Passing, TimeOfDay};
 use crate::fieldbus::wire::Boxed;
 use crate::fieldbus::wire::Wire;
 use isotherm_core::codec::{Register, Table};
-use isotherm_profile::{BusId, Quirks, ReadBy};
+use isotherm_profile::{BusId, Functions, Quirks, ReadBy};
 
 /// What happens to one request or one attempt to connect.
 #[derive(Clone, Debug)]
@@ -408,7 +408,7 @@ async fn without_transactions_a_unit_is_not_asked_again_before_its_late_answer_h
 #[tokio::test(start_paused = true)]
 async fn without_transactions_a_late_answer_is_waited_for_under_every_name_that_its_unit_has() {
     let (mut line, script) = nameless();
-    line.line.units[1].number = 1;
+    line.line.units.at_mut(1).number = 1;
     answers(&script, &[Turn::NeverEnds]);
     assert_eq!(line.ask(0, READ, 0).await, Err(Fault::Timeout));
     assert!(line.is_resting(1, 4 * 300 - 1), "it is the same unit");

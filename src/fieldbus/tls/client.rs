@@ -1,6 +1,5 @@
 //! Whom a secured line trusts, and how the gateway shows who it is: made from the files that the profile names.
 
-use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -18,10 +17,11 @@ use tokio_rustls::rustls::{
 };
 
 use super::pem::{certificates, private_key};
-use super::{tls_fault, visitor};
+use super::visitor;
 use crate::fieldbus::eager::Eager;
-use crate::fieldbus::error::{Fault, LinkFault, TlsFault};
+use crate::fieldbus::error::{Fault, LinkFault};
 use crate::fieldbus::port::Port;
+use crate::tls::TlsFault;
 use isotherm_profile::{Errors, Profile, ProfileError, Tls};
 
 /// What opens a secured connection: versions, ciphers, trust and key, and whom it is for.
@@ -80,12 +80,7 @@ impl Client {
         let connected = connector.connect(self.name.clone(), Eager::new(stream)).await.map_err(|error| {
             tracing::debug!(?peer, %error, "no TLS connection");
             // An end in the middle of the handshake without a word is also what a plain Modbus server does.
-            tls_fault(&error).unwrap_or(Fault::Link(match error.kind() {
-                io::ErrorKind::UnexpectedEof | io::ErrorKind::ConnectionReset => {
-                    LinkFault::Tls(TlsFault::Silent)
-                }
-                _ => LinkFault::Broken,
-            }))
+            Fault::Link(TlsFault::in_handshake(&error).map_or(LinkFault::Broken, LinkFault::Tls))
         })?;
         // A connection that goes on from an earlier one asks nobody again.
         if connected.get_ref().1.handshake_kind() == Some(HandshakeKind::Full) {

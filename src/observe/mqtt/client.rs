@@ -13,12 +13,13 @@ use rumqttc::{
     AsyncClient, ConnectionError, Event, EventLoop, MqttOptions, Outgoing, Packet, QoS, StateError,
 };
 use tokio::sync::mpsc;
-use tokio::task::JoinHandle;
+use tokio::task::{JoinError, JoinHandle};
 use tokio_rustls::rustls::ClientConfig;
 
 use super::broker::{Arrived, Broker, Connection, Fault, Heard};
 use super::stream::{fault_of, open};
 use crate::clock::Clock;
+use isotherm_core::border::panic_message;
 use isotherm_core::quantity::Moment;
 use isotherm_plant::{Message, Qos, Subscription};
 use isotherm_profile::{BrokerUrl, Mqtt};
@@ -83,7 +84,7 @@ impl Broker for Client {
         turns.network_options.set_connection_timeout(CONNECT_WITHIN.as_secs());
         let tally = Arc::new(Mutex::new(Tally { heard: self.clock.time_of_day(), ..Tally::default() }));
         let (says, heard) = mpsc::channel(UNHEARD);
-        let turning = turn(turns, tally.clone(), says, self.clock.clone(), self.to.host.clone());
+        let turning = turn(turns, tally.clone(), says, self.clock.clone());
         let mut connected = Connected { client, tally, heard, task: Some(tokio::spawn(turning)) };
         match tokio::time::timeout(CONNECT_WITHIN, connected.next()).await {
             Ok(Heard::Room | Heard::Arrived(_)) => Ok(connected),
@@ -167,10 +168,10 @@ impl Connection for Connected {
             return heard;
         }
         let Some(task) = self.task.take() else { return Heard::Lost(Fault::Broken) };
-        match task.await {
-            Err(error) if error.is_panic() => Heard::Lost(Fault::Inside(panic_message(error))),
-            _ => Heard::Lost(Fault::Broken),
-        }
+        let Err(Ok(panic)) = task.await.map_err(JoinError::try_into_panic) else {
+            return Heard::Lost(Fault::Broken);
+        };
+        Heard::Lost(Fault::Inside(panic_message(panic.as_ref())))
     }
 
     fn last_heard(&self) -> Moment {
@@ -200,13 +201,7 @@ impl Drop for Connected {
 }
 
 /// Turns the library's wheel, and notes what it says.
-async fn turn(
-    mut turns: EventLoop,
-    tally: Arc<Mutex<Tally>>,
-    says: mpsc::Sender<Heard>,
-    clock: Clock,
-    host: String,
-) {
+async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, says: mpsc::Sender<Heard>, clock: Clock) {
     let tally = || tally.lock().unwrap_or_else(PoisonError::into_inner);
     loop {
         let is_room = match turns.poll().await {
@@ -244,7 +239,7 @@ async fn turn(
             Err(error) => {
                 tracing::debug!(%error, "no MQTT");
                 // Nobody listens any more, or the channel is full of what is lost now as well.
-                let _ = says.send(Heard::Lost(fault(&error, &host))).await;
+                let _ = says.send(Heard::Lost(fault(&error))).await;
                 return;
             }
         };
@@ -255,12 +250,12 @@ async fn turn(
     }
 }
 
-fn fault(error: &ConnectionError, host: &str) -> Fault {
+fn fault(error: &ConnectionError) -> Fault {
     match error {
         ConnectionError::Io(error)
         | ConnectionError::MqttState(
             StateError::Io(error) | StateError::Deserialization(Unreadable::Io(error)),
-        ) => fault_of(error, host),
+        ) => fault_of(error),
         ConnectionError::NetworkTimeout | ConnectionError::FlushTimeout => Fault::Silent,
         ConnectionError::MqttState(StateError::AwaitPingResp) => Fault::Silent,
         ConnectionError::ConnectionRefused(code) => match code {
@@ -283,10 +278,4 @@ fn qos(qos: Qos) -> QoS {
         Qos::AtMostOnce => QoS::AtMostOnce,
         Qos::AtLeastOnce => QoS::AtLeastOnce,
     }
-}
-
-fn panic_message(error: tokio::task::JoinError) -> String {
-    let Ok(panic) = error.try_into_panic() else { return "it was ended".to_owned() };
-    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "panic".to_owned())
 }

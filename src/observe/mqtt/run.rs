@@ -19,13 +19,14 @@ use crate::observe::events::{Broker as BrokerEvent, Event};
 use crate::observe::status::{BrokerFigures, Source};
 use isotherm_core::quantity::Moment;
 use isotherm_plant::{Message, Publisher, Snapshot};
+use isotherm_profile::stop;
 
 /// The first pause after a connection that could not be made, or broke; each is twice as long.
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
 /// No pause is longer.
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
-/// How long the end of a run waits for what has not been published yet.
-pub(super) const LAST_PATIENCE: Duration = Duration::from_secs(2);
+/// How long the end of a run waits for what has not been published yet; as long again the broker may take to let go.
+const LAST_PATIENCE: Duration = Duration::from_secs(stop::BROKER.as_secs() / 2);
 
 /// Publishes to one broker.
 pub(super) struct Runner {

@@ -6,10 +6,11 @@ use std::sync::Arc;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpStream, lookup_host};
 use tokio_rustls::TlsConnector;
+use tokio_rustls::rustls::ClientConfig;
 use tokio_rustls::rustls::pki_types::ServerName;
-use tokio_rustls::rustls::{AlertDescription, CertificateError, ClientConfig, Error};
 
 use super::broker::Fault;
+use crate::tls::TlsFault;
 use isotherm_profile::BrokerUrl;
 
 /// Bytes to a broker and back.
@@ -47,56 +48,31 @@ async fn secure(
     let name = ServerName::try_from(to.host.clone())
         .map_err(|_| Fault::Tls(format!("no certificate can be for the name `{}`", to.host)))?;
     let connected = TlsConnector::from(config).connect(name, stream).await;
-    connected.map(|stream| Box::new(stream) as Box<dyn Bytes>).map_err(|error| tls_fault(&error, &to.host))
+    connected.map(|stream| Box::new(stream) as Box<dyn Bytes>).map_err(|error| {
+        tracing::debug!(%error, "no TLS connection");
+        // What else ends it is no judgement.
+        TlsFault::in_handshake(&error).map_or(Fault::Unreachable(error.kind()), secured)
+    })
 }
 
-/// What TLS holds against the broker, or the broker against the gateway.
-fn tls_fault(error: &io::Error, host: &str) -> Fault {
-    let found = error.get_ref().and_then(|error| error.downcast_ref::<Error>());
-    let Some(found) = found else {
-        return Fault::Tls(format!("the connection ended while TLS was agreed on ({})", error.kind()));
+/// What the two ends hold against each other, and what to do about it.
+fn secured(fault: TlsFault) -> Fault {
+    let remedy = match fault {
+        TlsFault::OtherName => {
+            Some("write that into `broker`, or name the certificate itself with `tls = { ca = \"…\" }`")
+        }
+        TlsFault::UnknownAuthority => Some("name who has with `tls = { ca = \"…\" }`"),
+        TlsFault::BadCertificate => {
+            Some("one that it has signed itself is trusted by naming it with `tls = { ca = \"…\" }`")
+        }
+        TlsFault::OursMissing => Some("name `cert` and `key` in `tls`"),
+        TlsFault::OursExpired => Some("renew the one that `cert` names in `tls`"),
+        TlsFault::OursRefused => Some("does it know who signed the one that `cert` names in `tls`?"),
+        TlsFault::NoTls => Some("try another port, or mqtt://"),
+        TlsFault::Silent => Some("does it speak TLS there, or in the clear (mqtt://)?"),
+        _ => None,
     };
-    said(found, host).unwrap_or_else(|| Fault::Tls(format!("TLS: {found}")))
-}
-
-/// Words for what is known to happen. With TLS 1.3 the broker's judgement of the gateway's certificate comes only after the handshake.
-fn said(error: &Error, host: &str) -> Option<Fault> {
-    let words = match error {
-        Error::InvalidCertificate(why) => match why {
-            CertificateError::Expired | CertificateError::ExpiredContext { .. } => {
-                "its certificate has expired (or this computer's clock is wrong)".to_owned()
-            }
-            CertificateError::NotValidYet | CertificateError::NotValidYetContext { .. } => {
-                "its certificate is not valid yet (or this computer's clock is wrong)".to_owned()
-            }
-            CertificateError::NotValidForName | CertificateError::NotValidForNameContext { .. } => {
-                format!("its certificate is for another name than {host}")
-            }
-            CertificateError::UnknownIssuer | CertificateError::BadSignature => {
-                "its certificate is signed by nobody whom the gateway trusts: name the authority with `tls = { ca = \"…\" }`"
-                    .to_owned()
-            }
-            why => format!("its certificate is of no use: {why}"),
-        },
-        Error::AlertReceived(alert) => match alert {
-            AlertDescription::CertificateRequired => {
-                "it wants to see a certificate of the gateway: name `cert` and `key` in `tls`".to_owned()
-            }
-            AlertDescription::CertificateExpired => "the gateway's certificate has expired".to_owned(),
-            AlertDescription::BadCertificate
-            | AlertDescription::UnsupportedCertificate
-            | AlertDescription::CertificateRevoked
-            | AlertDescription::CertificateUnknown
-            | AlertDescription::UnknownCA
-            | AlertDescription::DecryptError
-            | AlertDescription::AccessDenied => "it does not take the gateway's certificate".to_owned(),
-            alert => format!("it refuses the connection (TLS: {alert:?})"),
-        },
-        Error::PeerIncompatible(_) => "it speaks no TLS that the gateway speaks (1.2 or 1.3)".to_owned(),
-        Error::InvalidMessage(_) => "it does not speak TLS there: try another port, or mqtt://".to_owned(),
-        _ => return None,
-    };
-    Some(Fault::Tls(words))
+    Fault::Tls(fault.advised(remedy))
 }
 
 /// A fault on its way through a library that knows only errors of input and output.
@@ -112,11 +88,10 @@ impl std::fmt::Display for Inside {
 impl std::error::Error for Inside {}
 
 /// What an error of a connection says.
-pub(super) fn fault_of(error: &io::Error, host: &str) -> Fault {
-    let inside = error.get_ref();
-    let own = inside.and_then(|error| error.downcast_ref::<Inside>()).map(|Inside(fault)| fault.clone());
-    let tls = || inside?.downcast_ref::<Error>().and_then(|error| said(error, host));
+pub(super) fn fault_of(error: &io::Error) -> Fault {
+    let inside = error.get_ref().and_then(|error| error.downcast_ref::<Inside>());
+    let own = inside.map(|Inside(fault)| fault.clone());
     // What ends within a message was none.
     let other = if error.kind() == io::ErrorKind::Other { Fault::NoMqtt } else { Fault::Broken };
-    own.or_else(tls).unwrap_or(other)
+    own.or_else(|| TlsFault::of(error).map(secured)).unwrap_or(other)
 }

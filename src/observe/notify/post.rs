@@ -13,10 +13,11 @@ use tokio::sync::Mutex;
 use tokio::task::JoinHandle;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::client::TlsStream;
+use tokio_rustls::rustls::ClientConfig;
 use tokio_rustls::rustls::pki_types::ServerName;
-use tokio_rustls::rustls::{CertificateError, ClientConfig, Error};
 
 use super::{Trust, answer, token};
+use crate::tls::TlsFault;
 use isotherm_profile::{Notify, Url};
 
 /// Of several addresses of a name each has this long, but the last: it has what is left.
@@ -104,7 +105,7 @@ impl Failure {
     pub(super) fn broken(error: &io::Error) -> Failure {
         match error.kind() {
             // A server that speaks TLS 1.3 judges only after the handshake.
-            _ if is_tls(error) => secured(error),
+            _ if TlsFault::of(error).is_some() => secured(error),
             ErrorKind::ConnectionReset | ErrorKind::BrokenPipe | ErrorKind::UnexpectedEof => Failure::Closed,
             _ => Failure::Unreachable(error.to_string()),
         }
@@ -118,29 +119,25 @@ impl Failure {
     }
 }
 
-fn is_tls(error: &io::Error) -> bool {
-    error.get_ref().is_some_and(|inner| inner.is::<Error>())
-}
-
 /// What TLS says of the other end.
 fn secured(error: &io::Error) -> Failure {
-    let said = error.get_ref().and_then(|inner| inner.downcast_ref::<Error>());
-    Failure::Tls(match said {
-        Some(Error::InvalidCertificate(
-            CertificateError::Expired | CertificateError::ExpiredContext { .. },
-        )) => "its certificate has expired, or this computer's clock is wrong".to_owned(),
-        Some(Error::InvalidCertificate(
-            CertificateError::NotValidYet | CertificateError::NotValidYetContext { .. },
-        )) => "its certificate is not valid yet, or this computer's clock is wrong".to_owned(),
-        Some(Error::InvalidCertificate(
-            CertificateError::NotValidForName | CertificateError::NotValidForNameContext { .. },
-        )) => "its certificate is for another name than the one in `url`".to_owned(),
-        Some(Error::InvalidCertificate(CertificateError::UnknownIssuer | CertificateError::BadSignature)) => {
-            "nobody who is trusted has signed its certificate: name who has with `ca`".to_owned()
+    tracing::debug!(%error, "no TLS connection");
+    let fault = TlsFault::in_handshake(error);
+    fault.map_or(Failure::Unreachable(error.to_string()), |fault| Failure::Tls(fault.advised(remedy(fault))))
+}
+
+/// What to do about it.
+fn remedy(fault: TlsFault) -> Option<&'static str> {
+    Some(match fault {
+        TlsFault::OtherName => "write that into `url`, or name the certificate itself with `ca`",
+        TlsFault::UnknownAuthority => "name who has with `ca`",
+        TlsFault::BadCertificate => "one that it has signed itself is trusted by naming it with `ca`",
+        TlsFault::OursMissing => {
+            "messages are posted without one; have it know them by a token (`token_file`)"
         }
-        Some(Error::InvalidMessage(_)) => "whoever listens there does not speak TLS: is it http?".to_owned(),
-        Some(other) => format!("no TLS: {other}"),
-        None => "closed in the middle of the TLS handshake: does it speak TLS?".to_owned(),
+        TlsFault::NoTls => "is it http?",
+        TlsFault::Silent => "does it speak TLS?",
+        _ => return None,
     })
 }
 

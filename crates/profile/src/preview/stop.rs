@@ -21,17 +21,21 @@ pub(super) fn preview(profile: &Profile) -> Section {
     let after = late.map_or(String::new(), |late| {
         format!(", and {} more where a write that was not answered may still arrive", format_duration(late))
     });
-    let messages = (!profile.notify.is_empty()).then_some(stop::MESSAGES);
-    let posted = messages.map_or(String::new(), |span| {
-        format!(", then at most {} until the last messages are posted", format_duration(span))
-    });
+    let last = match (&profile.mqtt, profile.notify.is_empty()) {
+        (Some(_), true) => "the broker has the last state",
+        (Some(_), false) => "the broker has the last state and the last messages are posted",
+        (None, _) => "the last messages are posted",
+    };
+    let told = stop::told(profile);
+    let until =
+        told.map_or(String::new(), |span| format!(", then at most {} until {last}", format_duration(span)));
     section.line("stop");
-    section.line(format!("  {does}: at most {}{after}{posted}", format_duration(longest)));
+    section.line(format!("  {does}: at most {}{after}{until}", format_duration(longest)));
     section.entry("on_stop", profile.on_stop.word());
     section.entry("longest_s", longest.as_secs());
     section.entry("late_s", late.map(|late| late.as_secs()));
-    if let Some(span) = messages {
-        section.entry("messages_s", span.as_secs());
+    if let Some(span) = told {
+        section.entry("told_s", span.as_secs());
     }
     section
 }
