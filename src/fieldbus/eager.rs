@@ -15,9 +15,6 @@ use tokio::net::TcpStream;
 
 use super::port::Port;
 
-/// A whole answer: header and the longest of Modbus's messages.
-const LONGEST_FRAME: usize = 260;
-
 /// After as many looks in vain as are remembered here, one is made every so many answers.
 const SELDOM: u32 = 64;
 const IN_VAIN: u32 = 8;
@@ -76,9 +73,7 @@ impl AsyncRead for Eager {
     ) -> Poll<io::Result<()>> {
         if self.looks() {
             // Past tokio, which only asks the system again after its event queue has spoken.
-            let mut frame = [0; LONGEST_FRAME];
-            let room = frame.len().min(buffer.remaining());
-            let mut look = || (&*SockRef::from(&self.stream)).read(&mut frame[..room]);
+            let mut look = || (&*SockRef::from(&self.stream)).read(buffer.initialize_unfilled());
             // Sending may have given the other end its turn already.
             let looked = match look() {
                 Err(error) if is_passing(&error) => {
@@ -92,7 +87,7 @@ impl AsyncRead for Eager {
                 Err(error) => return Poll::Ready(Err(error)),
                 Ok(length) => {
                     self.in_vain = 0;
-                    buffer.put_slice(&frame[..length]);
+                    buffer.advance(length);
                     return Poll::Ready(Ok(()));
                 }
             }

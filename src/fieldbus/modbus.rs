@@ -88,7 +88,8 @@ impl ModbusTcp {
             departure.left(asked);
             return answer;
         }
-        if !request.is_read() && !self.answered.is_some_and(|asked| departure.look().since(asked) < AT_ONCE) {
+        if !request.is_read() && !self.answered.is_some_and(|asked| departure.looked().since(asked) < AT_ONCE)
+        {
             self.expect_nothing()?;
         }
         self.question.clear();

@@ -22,21 +22,25 @@ const EXCEPTION: u8 = 0x80;
 
 /// The bytes of a request; none of one that is not Modbus.
 pub(super) fn question(request: Request<'_>, bytes: &mut Vec<u8>) {
+    bytes.extend(head(request).into_iter().flatten());
+    if let Request::WriteMultiple { values, .. } = request {
+        bytes.push(u8::try_from(2 * values.len()).unwrap_or(u8::MAX));
+        bytes.extend(values.iter().flat_map(|value| value.to_be_bytes()));
+    }
+}
+
+/// What each question begins with, and what the answer to a write repeats: function, address, and value or count.
+fn head(request: Request<'_>) -> Option<[u8; 5]> {
     let (at, second) = match request {
         Request::Read { from, count } => (from.offset, count),
         Request::WriteCoil { at, value } => (at, if value { 0xff00 } else { 0 }),
         Request::WriteSingle { at, value } => (at, value),
         Request::WriteMultiple { at, values } => (at, u16::try_from(values.len()).unwrap_or(u16::MAX)),
         // Refused before.
-        Request::Can(_) | Request::Nodes(_) | Request::Sensors(_) => return,
+        Request::Can(_) | Request::Nodes(_) | Request::Sensors(_) => return None,
     };
-    bytes.push(request.function());
-    bytes.extend(at.to_be_bytes());
-    bytes.extend(second.to_be_bytes());
-    if let Request::WriteMultiple { values, .. } = request {
-        bytes.push(u8::try_from(2 * values.len()).unwrap_or(u8::MAX));
-        bytes.extend(values.iter().flat_map(|value| value.to_be_bytes()));
-    }
+    let ([at_high, at_low], [high, low]) = (at.to_be_bytes(), second.to_be_bytes());
+    Some([request.function(), at_high, at_low, high, low])
 }
 
 /// What these bytes answer to that question.
@@ -61,6 +65,10 @@ pub(super) fn answer(request: Request<'_>, bytes: &[u8]) -> Result<Answer, Fault
     };
     if bytes.len() != length {
         return Err(Fault::Peer(PeerFault::Length));
+    }
+    if !request.is_read() {
+        let is_repeated = head(request).is_some_and(|head| head == bytes);
+        return if is_repeated { Ok(Answer::Done) } else { Err(Fault::Peer(PeerFault::Echo)) };
     }
     let malformed = |_: io::Error| Fault::Peer(PeerFault::Malformed);
     compare(request, Response::try_from(Bytes::copy_from_slice(bytes)).map_err(malformed)?)
@@ -89,19 +97,6 @@ fn compare(request: Request<'_>, response: Response) -> Result<Answer, Fault> {
             bits.truncate(usize::from(count));
             Ok(Answer::Bits(bits))
         }
-        (Request::WriteCoil { at, value }, Response::WriteSingleCoil(echoed, to)) => {
-            echo(at == echoed && value == to)
-        }
-        (Request::WriteSingle { at, value }, Response::WriteSingleRegister(echoed, to)) => {
-            echo(at == echoed && value == to)
-        }
-        (Request::WriteMultiple { at, values }, Response::WriteMultipleRegisters(echoed, count)) => {
-            echo(at == echoed && values.len() == usize::from(count))
-        }
         _ => Err(Fault::Peer(PeerFault::Function)),
     }
-}
-
-fn echo(repeated: bool) -> Result<Answer, Fault> {
-    if repeated { Ok(Answer::Done) } else { Err(Fault::Peer(PeerFault::Echo)) }
 }
