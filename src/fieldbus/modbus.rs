@@ -43,8 +43,8 @@ pub struct ModbusTcp {
     received: Box<[u8; 2 * LONGEST]>,
     filled: usize,
     behind: Behind,
-    /// When the last question left that was answered.
-    answered: Option<Moment>,
+    /// When the last question left, if it was answered; long ago, if not.
+    answered: Moment,
 }
 
 /// What stands first in the bytes that have come.
@@ -66,7 +66,7 @@ impl ModbusTcp {
             received: Box::new([0; 2 * LONGEST]),
             filled: 0,
             behind: Behind::default(),
-            answered: None,
+            answered: Moment::default(),
         }
     }
 
@@ -88,8 +88,7 @@ impl ModbusTcp {
             departure.left(asked);
             return answer;
         }
-        if !request.is_read() && !self.answered.is_some_and(|asked| departure.looked().since(asked) < AT_ONCE)
-        {
+        if !request.is_read() && departure.looked().since(self.answered) >= AT_ONCE {
             self.expect_nothing()?;
         }
         self.question.clear();
@@ -101,9 +100,9 @@ impl ModbusTcp {
         if let Some((unit, request, transaction)) = behind {
             self.behind.left(unit, request, transaction, asked);
         }
-        self.answered = None;
+        self.answered = Moment::default();
         let answer = self.hear(transaction, unit, |message| pdu::answer(request, message)).await?;
-        self.answered = Some(asked);
+        self.answered = asked;
         Ok(answer)
     }
 
