@@ -155,6 +155,12 @@ fn a_day_that_has_not_changed_is_left_alone_and_one_that_has_is_written_anew_and
 
     let (code, said) = export(home, &profile);
     assert!(code == 0 && said.contains("decisions of 0 days written, 2 as they were"), "{said}");
+    // A file server keeps less of a time than a disk: what it gives back must be what was set.
+    for name in files(&place) {
+        let time = place.join(name).metadata().unwrap().modified().unwrap();
+        let since = time.duration_since(std::time::UNIX_EPOCH).unwrap();
+        assert_eq!(since.subsec_nanos() % 1000, 0);
+    }
     let mut more =
         std::fs::OpenOptions::new().append(true).open(home.join("state/mill-7-2026-02-01.csv")).unwrap();
     more.write_all(b"2026-02-01T10:00:10Z,21,armed,,0.5,active,\n").unwrap();
@@ -166,6 +172,29 @@ fn a_day_that_has_not_changed_is_left_alone_and_one_that_has_is_written_anew_and
     let count =
         "SELECT count(*), max(bed) FROM read_parquet('fleet/decisions/*.parquet', union_by_name = true)";
     assert_eq!(ask(home, count), json!([[4, 21.0]]), "what was deleted of the logs is kept");
+}
+
+#[test]
+fn a_log_that_cannot_be_read_is_told_and_keeps_no_other_day_from_being_written() {
+    let home = tempfile::tempdir().unwrap();
+    let home = home.path();
+    let profile = profile(home, "mill-7", 1);
+    std::fs::create_dir(home.join("state")).unwrap();
+    let head = "time,bed,z_permit,z_raw_um,z_cz_um,z_state\n";
+    std::fs::write(home.join("state/mill-7-2026-01-30.csv"), b"time,\xff\xfe\n").unwrap();
+    for day in ["2026-01-29", "2026-01-31"] {
+        let text = format!("{head}{day}T10:00:00Z,20.5,armed,1,1,active\n");
+        file(&home.join("state"), &format!("mill-7-{day}.csv"), &text);
+    }
+    let (code, said) = export(home, &profile);
+    assert_eq!(code, 1, "{said}");
+    for words in ["mill-7-2026-01-30.csv cannot be read", "decisions of 2 days written", "not written: 1"] {
+        assert!(said.contains(words), "{said}");
+    }
+    assert_eq!(
+        files(&home.join("fleet/decisions")),
+        ["mill-7-2026-01-29.parquet", "mill-7-2026-01-31.parquet"]
+    );
 }
 
 /// A year of a machine, a row an hour: Cz swings by `swing` µm a day and has gone `drift` µm when the year is over.

@@ -4,6 +4,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use jiff::Timestamp;
 use serde::Serialize;
 
 use super::values::key_and_value;
@@ -50,6 +51,8 @@ pub(super) struct Arguments {
 struct Days {
     written: u64,
     unchanged: u64,
+    /// Not written: what is wrong has been said.
+    failed: u64,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -84,32 +87,38 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let name = to.join(format!("{machine}-{day}.parquet"));
         happened.take(std::slice::from_ref(&log), &name, |to| events::write(machine, &log, to))?;
     }
-    if decided.written + decided.unchanged + happened.written + happened.unchanged == 0 {
+    let failed = decided.failed + happened.failed;
+    if decided.all() + happened.all() == 0 {
         say_beside!("{}", none());
     }
     if arguments.json {
-        return print_json(
-            &serde_json::json!({ "machine": machine, "decisions": decided, "events": happened }),
-        );
+        print_json(&serde_json::json!({ "machine": machine, "decisions": decided, "events": happened }))?;
+    } else {
+        let (to, decided, happened) = (arguments.parquet.display(), decided.text(), happened.text());
+        say!("{to}: decisions of {decided}; events of {happened}")?;
     }
-    let (to, decided, happened) = (arguments.parquet.display(), decided.text(), happened.text());
-    Ok(say!("{to}: decisions of {decided}; events of {happened}")?)
+    anyhow::ensure!(failed == 0, "not written: {failed}; what is wrong is said above");
+    Ok(())
 }
 
 impl Days {
     /// Writes a day where its logs have changed since. The file bears the time of the newest of them: whatever is logged while it is
-    /// written makes another one of it the next time.
+    /// written makes another one of it the next time. A day that cannot be read is said, and keeps no other.
     fn take(
         &mut self,
         logs: &[PathBuf],
         to: &Path,
         write: impl FnOnce(&mut std::fs::File) -> anyhow::Result<Vec<String>>,
     ) -> anyhow::Result<()> {
-        let changed = |path: &Path| path.metadata().and_then(|about| about.modified());
-        let newest = logs.iter().filter_map(|log| changed(log).ok()).max();
+        // In microseconds: a file server keeps less of a time than the disk of the logs.
+        let changed = |path: &Path| {
+            let modified = path.metadata().and_then(|about| about.modified()).ok()?;
+            Timestamp::try_from(modified).ok().map(Timestamp::as_microsecond)
+        };
+        let newest = logs.iter().filter_map(|log| changed(log)).max();
         // It was deleted a moment ago.
         let Some(newest) = newest else { return Ok(()) };
-        if changed(to).is_ok_and(|written| written == newest) {
+        if changed(to) == Some(newest) {
             self.unchanged += 1;
             return Ok(());
         }
@@ -118,19 +127,25 @@ impl Days {
         // One that a run left which was killed; and nothing is written through a link that somebody put there.
         let _ = std::fs::remove_file(&part);
         let mut file = std::fs::File::create_new(&part).with_context(shown)?;
-        let written = write(&mut file).with_context(shown);
-        let warnings = match written {
+        let warnings = match write(&mut file) {
             Ok(warnings) => warnings,
             Err(why) => {
                 let _ = std::fs::remove_file(&part);
-                return Err(why);
+                say_beside!("{}: {why:#}", to.display());
+                self.failed += 1;
+                return Ok(());
             }
         };
+        let newest = Timestamp::from_microsecond(newest)?.into();
         file.set_modified(newest).and_then(|()| file.sync_all()).with_context(shown)?;
         std::fs::rename(&part, to).with_context(|| format!("{} cannot be written", to.display()))?;
         warnings.iter().for_each(|warning| say_beside!("warning: {warning}"));
         self.written += 1;
         Ok(())
+    }
+
+    fn all(&self) -> u64 {
+        self.written + self.unchanged + self.failed
     }
 
     fn text(&self) -> String {

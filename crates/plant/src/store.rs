@@ -197,7 +197,7 @@ impl Store {
         let mut lost_some = false;
         while self.after(bytes) > self.most_bytes {
             let Some(oldest) = self.segments.front() else { break };
-            fs::remove_file(oldest.path(&self.directory))?;
+            remove(&oldest.path(&self.directory))?;
             let untold = oldest.end().saturating_sub(oldest.first.max(self.told));
             self.told = self.told.max(oldest.end());
             self.dropped += untold;
@@ -287,7 +287,7 @@ impl Store {
             if self.segments.is_empty() {
                 self.writer = None;
             }
-            fs::remove_file(path)?;
+            remove(&path)?;
         }
         Ok(())
     }
@@ -329,6 +329,14 @@ impl Store {
     /// What there is to say of the disk: once when it begins to fail, once when it is over.
     pub fn news(&mut self) -> Option<DiskNews> {
         self.disk.news.pop_front()
+    }
+}
+
+/// Removes a file, or finds that it is gone.
+fn remove(path: &Path) -> io::Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        removed => removed,
     }
 }
 

@@ -76,6 +76,8 @@ pub enum Fault {
     Refused(&'static str),
     /// It speaks, but not MQTT.
     NoMqtt,
+    /// It sends a message of more than so many megabytes.
+    TooLong(usize),
     /// It closed the connection, or the connection broke.
     Broken,
     /// The library failed inside.
@@ -100,6 +102,10 @@ impl fmt::Display for Fault {
             Fault::NoMqtt => {
                 f.write_str("what answers there does not speak MQTT, or only inside TLS (mqtts://)")
             }
+            Fault::TooLong(most) => write!(
+                f,
+                "it sends a message of more than {most} MB: somebody publishes, or has it keep, what is no command on a topic of commands"
+            ),
             Fault::Broken => f.write_str("the connection broke"),
             Fault::Inside(why) => write!(f, "the MQTT library failed inside: {why}"),
         }

@@ -34,8 +34,9 @@ const MARGIN: Duration = Duration::from_secs(1);
 const IN_LIBRARY: usize = 64;
 /// Messages from the broker that wait; more are lost.
 const UNHEARD: usize = 16;
-/// What arrives is a command or nothing. A broker that sends more loses the connection.
-const LARGEST_IN: usize = 64 << 10;
+/// What arrives is a command or nothing, and one that is too long is refused; a broker that sends more than this loses the
+/// connection.
+const LARGEST_IN: usize = 1 << 20;
 /// What is published is smaller.
 const LARGEST_OUT: usize = 4 << 20;
 /// How long a connection is waited for that is closed.
@@ -266,6 +267,9 @@ fn fault(error: &ConnectionError) -> Fault {
             ConnectReturnCode::ServiceUnavailable => Fault::Refused("it says that it is not available"),
             ConnectReturnCode::Success => Fault::NoMqtt,
         },
+        ConnectionError::MqttState(StateError::Deserialization(Unreadable::PayloadSizeLimitExceeded(_))) => {
+            Fault::TooLong(LARGEST_IN >> 20)
+        }
         ConnectionError::NotConnAck(_) | ConnectionError::MqttState(StateError::Deserialization(_)) => {
             Fault::NoMqtt
         }

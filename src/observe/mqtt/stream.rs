@@ -1,10 +1,13 @@
 //! The way to a broker: TCP, or TLS over it; and what can be wrong with it, in words.
 
 use std::io;
+use std::net::SocketAddr;
 use std::sync::Arc;
+use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpStream, lookup_host};
+use tokio::time::timeout;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::rustls::ClientConfig;
 use tokio_rustls::rustls::pki_types::ServerName;
@@ -18,26 +21,31 @@ pub(super) trait Bytes: AsyncRead + AsyncWrite + Send + Sync + Unpin {}
 
 impl<T: AsyncRead + AsyncWrite + Send + Sync + Unpin> Bytes for T {}
 
+/// An address that says nothing for so long leaves the others their time.
+const EACH: Duration = Duration::from_secs(3);
+
 /// Connects to the first address that takes it. Whatever goes wrong is a [`Fault`] inside the error.
 pub(super) async fn open(to: BrokerUrl, trust: Option<Arc<ClientConfig>>) -> io::Result<Box<dyn Bytes>> {
     let failed = |fault: Fault| io::Error::other(Inside(fault));
     let found = lookup_host((to.host.as_str(), to.port)).await;
     let addresses: Vec<_> = found.map_err(|_| failed(Fault::NoAddress))?.collect();
-    let mut last = Fault::NoAddress;
-    for address in addresses {
-        match TcpStream::connect(address).await {
-            Ok(stream) => {
-                // Small messages are not held back for larger ones.
-                let _ = stream.set_nodelay(true);
-                return match trust {
-                    None => Ok(Box::new(stream)),
-                    Some(config) => secure(&to, config, stream).await.map_err(failed),
-                };
-            }
-            Err(error) => last = Fault::Unreachable(error.kind()),
+    let stream = connected(&addresses).await.map_err(failed)?;
+    // Small messages are not held back for larger ones.
+    let _ = stream.set_nodelay(true);
+    match trust {
+        None => Ok(Box::new(stream)),
+        Some(config) => secure(&to, config, stream).await.map_err(failed),
+    }
+}
+
+async fn connected(addresses: &[SocketAddr]) -> Result<TcpStream, Fault> {
+    let (last, others) = addresses.split_last().ok_or(Fault::NoAddress)?;
+    for address in others {
+        if let Ok(Ok(stream)) = timeout(EACH, TcpStream::connect(address)).await {
+            return Ok(stream);
         }
     }
-    Err(failed(last))
+    TcpStream::connect(last).await.map_err(|error| Fault::Unreachable(error.kind()))
 }
 
 async fn secure(

@@ -85,8 +85,12 @@ impl Segment {
 
     /// Up to `most` records from the one of this number on. Fewer than there should be: what follows is damaged.
     pub(super) fn records(&self, directory: &Path, from: u64, most: u64) -> io::Result<Vec<Record>> {
-        let mut file = File::open(self.path(directory))?;
         let mut found = Vec::new();
+        let mut file = match File::open(self.path(directory)) {
+            // Somebody has made room by hand.
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(found),
+            opened => opened?,
+        };
         if !has_header(&mut file, self.first)? {
             return Ok(found);
         }

@@ -115,6 +115,23 @@ fn a_full_store_loses_its_oldest_and_says_how_many() {
 }
 
 #[test]
+fn a_file_that_somebody_has_removed_is_counted_and_holds_up_nothing() {
+    let home = tempfile::tempdir().unwrap();
+    let mut store = open(home.path());
+    let mut number = 0;
+    while files(home.path()).len() < 4 {
+        store.push(&record(number)).unwrap();
+        number += 1;
+    }
+    let oldest = files(home.path()).into_keys().find(|name| name.ends_with(".records")).unwrap();
+    std::fs::remove_file(home.path().join(oldest)).unwrap();
+    let told = all(&mut store);
+    assert_eq!(u64::try_from(told.len()).unwrap() + store.dropped(), number, "{told:?}");
+    assert_eq!(told.last(), Some(&(number - 1)));
+    assert_eq!(store.news(), None);
+}
+
+#[test]
 fn what_was_told_and_has_to_go_is_not_lost() {
     let directory = tempfile::tempdir().unwrap();
     let mut store = open(directory.path());
