@@ -87,9 +87,14 @@ impl Broker {
 
     /// Publishes one message.
     pub(crate) fn tells(&self, topic: &str, payload: &str, more: &[&str]) {
+        self.publishes(topic, &[&["-m", payload], more].concat());
+    }
+
+    /// Publishes what `what` says as mosquitto_pub takes it.
+    pub(crate) fn publishes(&self, topic: &str, what: &[&str]) {
         let port = self.port.to_string();
         let mut command = Command::new("mosquitto_pub");
-        command.args(["-h", "127.0.0.1", "-p", &port, "-q", "1", "-t", topic, "-m", payload]).args(more);
+        command.args(["-h", "127.0.0.1", "-p", &port, "-q", "1", "-t", topic]).args(what);
         let done = command.output().unwrap_or_else(|error| panic!("mosquitto_pub {LACKS} ({error})"));
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     }

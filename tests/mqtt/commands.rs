@@ -52,3 +52,21 @@ fn where_no_command_is_taken_nothing_is_even_asked_for() {
     assert!(said.contains("Received SUBSCRIBE from reader"), "{said}");
     assert!(!said.contains("SUBSCRIBE from isotherm-press"), "{said}");
 }
+
+#[test]
+fn a_long_message_that_the_broker_keeps_is_refused_and_one_beyond_measure_is_named_as_what_is_wrong() {
+    for (length, words) in [(300 << 10, "connected"), (2 << 20, "a message of more than 1 MB")] {
+        let broker = Broker::open();
+        let payload = broker.home().join("payload");
+        std::fs::write(&payload, vec![b'x'; length]).unwrap();
+        broker.publishes("isotherm/press/command/measured", &["-r", "-f", payload.to_str().unwrap()]);
+        let mqtt =
+            format!("[mqtt]\nbroker = \"mqtt://127.0.0.1:{}\"\ncommands = [\"measured\"]\n", broker.port);
+        let machine = Machine::with(&mqtt);
+        machine.is_active();
+        until(words, || {
+            let shown = machine.verb("status", &[]);
+            if shown.contains(words) { Ok(()) } else { Err(shown) }
+        });
+    }
+}
