@@ -88,6 +88,7 @@ impl Publishing {
             every: mqtt.every,
             resolutions: snapshot::resolutions(profile),
             happenings: Happenings::default(),
+            seen: Default::default(),
             kept,
             outbox: VecDeque::new(),
         };

@@ -29,7 +29,7 @@ pub trait Publisher: Send {
     /// them all, and may be called more often than there is something to tell.
     fn publish(&mut self, now: Moment, snapshot: &Snapshot) -> Vec<Message>;
 
-    /// A message has arrived.
+    /// A message has arrived. The snapshot has no events: they are told by whoever gets it next.
     fn received(&mut self, now: Moment, snapshot: &Snapshot, topic: &str, payload: &[u8]) -> Reaction;
 
     /// The connection has broken. The broker was last heard at this moment: what was told after it may never have arrived, and

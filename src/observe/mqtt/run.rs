@@ -10,7 +10,7 @@ use tokio::sync::watch;
 use tokio::time::{Interval, MissedTickBehavior, interval};
 
 use super::broker::{Arrived, Broker, Connection, Fault, Heard};
-use super::commands::Commands;
+use super::commands::{self, Commands};
 use super::happenings::Happenings;
 use super::kept::Kept;
 use super::snapshot::metrics;
@@ -39,6 +39,8 @@ pub(super) struct Runner {
     pub(super) every: Duration,
     pub(super) resolutions: Vec<f64>,
     pub(super) happenings: Happenings,
+    /// The figures as they were at the last look, and when that was.
+    pub(super) seen: (Moment, Snapshot),
     pub(super) kept: Kept,
     pub(super) commands: Commands,
     /// What the connection had no room for yet, and when it was told.
@@ -175,8 +177,7 @@ impl Runner {
     fn tell(&mut self, last_heard: Moment) {
         if !self.outbox.is_empty() {
             // It is too slow: the state that it gets next is the newest then, and only events wait.
-            let status = self.source.status();
-            self.happenings.look(&status);
+            self.look();
             self.count();
             return;
         }
@@ -191,10 +192,17 @@ impl Runner {
         self.tell_what_was_dropped();
     }
 
-    fn snapshot(&mut self) -> Snapshot {
+    /// What has happened since the last look waits until it is taken.
+    fn look(&mut self) {
         let status = self.source.status();
         self.happenings.look(&status);
-        Snapshot { metrics: metrics(&status, &self.resolutions), events: self.happenings.take() }
+        let metrics = metrics(&status, &self.resolutions);
+        self.seen = (self.clock.time_of_day(), Snapshot { metrics, events: Vec::new() });
+    }
+
+    fn snapshot(&mut self) -> Snapshot {
+        self.look();
+        Snapshot { events: self.happenings.take(), ..self.seen.1.clone() }
     }
 
     /// While there is no connection.
@@ -224,9 +232,12 @@ impl Runner {
             self.commands.refuse_retained(now, &arrived.topic, self.source.as_ref());
             return;
         }
-        let snapshot = self.snapshot();
+        // Whoever may publish there decides how often it comes, and not how often everything is looked at.
+        if now.since(self.seen.0) >= commands::PAUSE {
+            self.look();
+        }
         let Arrived { topic, payload, .. } = arrived;
-        let reaction = self.publisher.received(now, &snapshot, &topic, &payload);
+        let reaction = self.publisher.received(now, &self.seen.1, &topic, &payload);
         self.outbox.extend(reaction.messages.into_iter().map(|message| (now, message)));
         if let Some(outcome) = reaction.outcome {
             self.commands.take(now, outcome, self.source.as_ref());
