@@ -15,6 +15,9 @@ pub use snapshot::{Happening, Importance, Metric, Snapshot, Subject, Value};
 /// [`publish`](Publisher::publish) and [`received`](Publisher::received) while it lasts,
 /// [`disconnected`](Publisher::disconnected) when it has broken, [`absent`](Publisher::absent) until the next one.
 /// [`farewell`](Publisher::farewell) is the last. Each event is in one snapshot only, given to `connected`, `publish` or `absent`.
+///
+/// `now` is counted: no clock that is set moves it, and what may not have arrived is found by it. Stamps have the time of day, by
+/// the [shift](Snapshot::shift) of the snapshot.
 pub trait Publisher: Send {
     /// What the broker sends to everybody when the connection breaks.
     fn will(&mut self) -> Message;

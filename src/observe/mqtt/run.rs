@@ -13,11 +13,12 @@ use super::broker::{Arrived, Broker, Connection, Fault, Heard};
 use super::commands::{self, Commands};
 use super::happenings::Happenings;
 use super::kept::Kept;
+use super::moment;
 use super::snapshot::metrics;
 use crate::clock::Clock;
 use crate::observe::events::{Broker as BrokerEvent, Event};
 use crate::observe::status::{BrokerFigures, Source};
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Moment, Shift};
 use isotherm_plant::{Message, Publisher, Snapshot};
 use isotherm_profile::stop;
 
@@ -196,8 +197,10 @@ impl Runner {
     fn look(&mut self) {
         let status = self.source.status();
         self.happenings.look(&status);
-        let metrics = metrics(&status, &self.resolutions);
-        self.seen = (self.clock.time_of_day(), Snapshot { metrics, events: Vec::new() });
+        let (metrics, now) = (metrics(&status, &self.resolutions), self.clock.time_of_day());
+        // The gateway's time of day follows a clock that is set; this one's does not, so that what was told keeps its order.
+        let shift = moment(&status.now).map_or_else(Shift::default, |day| Shift::between(now, day));
+        self.seen = (now, Snapshot { metrics, events: Vec::new(), shift });
     }
 
     fn snapshot(&mut self) -> Snapshot {

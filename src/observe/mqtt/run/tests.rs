@@ -12,6 +12,7 @@ use crate::observe::status::{Answer, BrokerStatus, Command, Status};
 use isotherm_plant::{Json, JsonSettings, Subscription};
 
 mod arrived;
+mod dated;
 
 /// A gateway at which something happens with each look, as long as it is told so.
 #[derive(Default)]
