@@ -68,6 +68,14 @@ impl Kept {
         }
     }
 
+    /// There is no next time: all that would be lost, to be told now. A disk keeps its own.
+    pub(super) fn ends(&mut self) -> Vec<Record> {
+        match self {
+            Kept::Memory { records, .. } => std::mem::take(records).into(),
+            Kept::Disk { .. } => Vec::new(),
+        }
+    }
+
     /// The connection has broken: what was told last is told again.
     pub(super) fn is_broken(&mut self) {
         if let Kept::Disk { told, .. } = self {

@@ -75,7 +75,7 @@ impl Runner {
                 }
             };
             let fault = match connected {
-                None => return,
+                None => return self.keep(),
                 Some(Err(fault)) => fault,
                 Some(Ok(connection)) => {
                     self.is_connected(std::mem::take(&mut failures));
@@ -100,7 +100,8 @@ impl Runner {
                 tokio::select! {
                     () = &mut waiting => break,
                     _ = ticks.tick() => self.keep(),
-                    () = ends(&mut stopped) => return,
+                    // What happened last waits on disk for the next run.
+                    () = ends(&mut stopped) => return self.keep(),
                 }
             }
         }
@@ -283,6 +284,9 @@ impl Runner {
         let now = self.clock.time_of_day();
         let snapshot = self.snapshot();
         let mut messages = self.publisher.publish(now, &snapshot);
+        if self.publisher.may_forward() {
+            messages.extend(self.publisher.forward(now, &self.kept.ends()));
+        }
         messages.extend(self.publisher.farewell(now));
         self.outbox.extend(messages.into_iter().map(|message| (now, message)));
         let last = async {
@@ -297,7 +301,11 @@ impl Runner {
             }
         };
         if tokio::time::timeout(LAST_PATIENCE, last).await == Ok(true) {
+            // Nothing comes back but what no birth has let out.
+            self.is_lost(Moment::END);
             connection.close().await;
+        } else {
+            self.is_lost(connection.last_heard());
         }
         self.figures.note(|figures| figures.connected = false);
     }

@@ -13,6 +13,7 @@ use isotherm_plant::{Json, JsonSettings, Subscription};
 
 mod arrived;
 mod dated;
+mod stopped;
 
 /// A gateway at which something happens with each look, as long as it is told so.
 #[derive(Default)]
@@ -28,6 +29,11 @@ impl Machine {
     /// So many events happen between two looks.
     fn is_busy(&self, events: u64) {
         self.happened.lock().unwrap().1 = events;
+    }
+
+    /// So many more have happened since the last look.
+    fn has(&self, events: u64) {
+        self.happened.lock().unwrap().0 += events;
     }
 
     fn happened(&self) -> u64 {
