@@ -51,6 +51,11 @@ pub trait Publisher: Send {
         true
     }
 
+    /// What happens now is told behind what waits. Otherwise records say themselves when they were.
+    fn tells_in_order(&self) -> bool {
+        false
+    }
+
     /// How much could not be told, and never will be, since this was asked last.
     fn left_out(&mut self) -> u64 {
         0

@@ -46,6 +46,18 @@ impl Kept {
         }
     }
 
+    /// These were told before all that waits, and may not have arrived.
+    pub(super) fn take_back(&mut self, told: Vec<Record>) {
+        match self {
+            Kept::Memory { records, .. } => {
+                let behind = std::mem::take(records);
+                self.push(told.into_iter().chain(behind));
+            }
+            // They are new to it: what it keeps it has given to nobody.
+            Kept::Disk { .. } => self.push(told),
+        }
+    }
+
     /// The oldest, to be told now. The broker has everything that was told before `heard`.
     pub(super) fn next(&mut self, now: Moment, heard: Moment) -> Vec<Record> {
         match self {

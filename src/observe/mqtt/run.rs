@@ -146,7 +146,7 @@ impl Runner {
             }
         }
         let now = self.clock.time_of_day();
-        let snapshot = self.snapshot();
+        let snapshot = self.snapshot_in_order(now);
         let messages = self.publisher.connected(now, &snapshot);
         self.outbox.extend(messages.into_iter().map(|message| (now, message)));
         ticks.reset();
@@ -184,7 +184,7 @@ impl Runner {
             return;
         }
         let now = self.clock.time_of_day();
-        let snapshot = self.snapshot();
+        let snapshot = self.snapshot_in_order(now);
         let mut messages = self.publisher.publish(now, &snapshot);
         if self.publisher.may_forward() {
             let records = self.kept.next(now, last_heard);
@@ -209,6 +209,16 @@ impl Runner {
         Snapshot { events: self.happenings.take(), ..self.seen.1.clone() }
     }
 
+    /// To be told now. Where other events wait, and the format wants them in their order, the new ones wait behind them.
+    fn snapshot_in_order(&mut self, now: Moment) -> Snapshot {
+        let mut snapshot = self.snapshot();
+        if self.publisher.tells_in_order() && self.kept.len() > 0 {
+            self.kept.push(self.publisher.absent(now, &snapshot));
+            snapshot.events.clear();
+        }
+        snapshot
+    }
+
     /// While there is no connection.
     fn keep(&mut self) {
         let now = self.clock.time_of_day();
@@ -226,7 +236,7 @@ impl Runner {
         let waiting = self.outbox.front().map_or(last_heard, |(told, _)| *told);
         self.outbox.clear();
         self.kept.is_broken();
-        self.kept.push(self.publisher.disconnected(last_heard.min(waiting)));
+        self.kept.take_back(self.publisher.disconnected(last_heard.min(waiting)));
         self.count();
     }
 
@@ -282,7 +292,7 @@ impl Runner {
     /// The gateway has ended: the last state and the farewell, in two seconds or never.
     async fn end(&mut self, mut connection: impl Connection) {
         let now = self.clock.time_of_day();
-        let snapshot = self.snapshot();
+        let snapshot = self.snapshot_in_order(now);
         let mut messages = self.publisher.publish(now, &snapshot);
         if self.publisher.may_forward() {
             messages.extend(self.publisher.forward(now, &self.kept.ends()));

@@ -301,13 +301,46 @@ async fn what_happens_meanwhile_is_told_once_each_when_it_is_back() {
     })
     .await;
     assert_eq!((went.connected, went.dropped, went.queued), (true, 0, 0));
-    let mut told = events_of(&broker);
+    let told = events_of(&broker);
     assert!(told.len() > 650, "{}", told.len());
-    told.sort_unstable();
     let last = told.last().copied().unwrap();
-    assert_eq!(told, (0..=last).collect::<Vec<_>>(), "each once");
+    assert_eq!(told, (0..=last).collect::<Vec<_>>(), "each once, in its order");
     let said = machine.said();
     assert!(said.len() == 2 && said[1].contains("connected after"), "{said:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_was_told_in_vain_is_told_again_before_what_waits_behind_it() {
+    let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
+    broker.0.lock().unwrap().is_away = true;
+    machine.is_busy(1);
+    let before = Mutex::new(0);
+    run(&machine, &broker, async {
+        passes(800).await;
+        let begun = broker.0.lock().unwrap().attempts;
+        broker.0.lock().unwrap().is_away = false;
+        while broker.0.lock().unwrap().attempts == begun {
+            passes(1).await;
+        }
+        // Half of what waits has been told, and none of it has arrived.
+        while events_of(&broker).is_empty() {
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+        {
+            let mut state = broker.0.lock().unwrap();
+            (state.is_away, state.last_heard) = (true, Some(Moment::default()));
+        }
+        passes(5).await;
+        *before.lock().unwrap() = events_of(&broker).len();
+        broker.0.lock().unwrap().is_away = false;
+        passes(60).await;
+    })
+    .await;
+    let before = *before.lock().unwrap();
+    assert_eq!(before, 500, "at a time");
+    let told = events_of(&broker)[before..].to_vec();
+    let last = told.last().copied().unwrap();
+    assert_eq!(told, (0..=last).collect::<Vec<_>>());
 }
 
 #[tokio::test(start_paused = true)]

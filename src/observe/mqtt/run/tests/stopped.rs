@@ -71,3 +71,22 @@ async fn what_has_arrived_when_the_gateway_stops_is_not_kept() {
     .await;
     assert_eq!((events_of(&broker), waiting(directory.path())), (vec![0, 1, 2], vec![]));
 }
+
+#[tokio::test(start_paused = true)]
+async fn what_waits_in_memory_is_told_before_the_farewell() {
+    let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
+    broker.0.lock().unwrap().is_away = true;
+    machine.is_busy(1);
+    run(&machine, &broker, async {
+        passes(800).await;
+        broker.0.lock().unwrap().is_away = false;
+        while broker.0.lock().unwrap().taken.is_empty() {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    })
+    .await;
+    let all: Vec<u64> = (0..machine.happened()).collect();
+    assert_eq!(events_of(&broker), all);
+    let state = broker.0.lock().unwrap();
+    assert_eq!(state.taken.last().unwrap().payload, b"offline");
+}
