@@ -8,7 +8,6 @@ use {
     crate::gateway::make_directory,
     crate::observe::mqtt::{Publishing, kept_in, probe},
     crate::observe::status::{BrokerFigures, Source},
-    isotherm_profile::MqttFormat,
     std::path::Path,
     std::sync::Arc,
 };
@@ -47,10 +46,8 @@ pub(super) fn publish(
     state: &Path,
 ) -> std::io::Result<Option<Publishing>> {
     let Some((mqtt, figures)) = profile.mqtt.as_ref().zip(figures) else { return Ok(None) };
-    if mqtt.format == MqttFormat::SparkplugB {
-        // Where it cannot be made, that is reported when something is to be kept there.
-        let _ = make_directory(&kept_in(state, &profile.name));
-    }
+    // Where it cannot be made, that is reported when something is to be kept there.
+    let _ = make_directory(&kept_in(state, &profile.name));
     // What is wrong with its files has been reported.
     let trust = tls::broker(mqtt).unwrap_or_default();
     Publishing::start((profile, mqtt), trust, source, figures, state).map(Some)

@@ -7,7 +7,7 @@
 //! # Layout
 //! - `snapshot`, `happenings`: the state and the events, as figures.
 //! - `run`: connecting, publishing, waiting. `kept`: what waits for a broker that is away. `commands`: what arrives. `node`: a Sparkplug
-//!   node over restarts.
+//!   node over restarts. `readable`: readable messages over restarts.
 //! - `broker`: what a broker is. `client`: the library behind it. `stream`: TCP and TLS.
 
 use std::collections::VecDeque;
@@ -32,6 +32,7 @@ use isotherm_plant::{Json, JsonSettings, Publisher};
 use isotherm_profile::{Mqtt, MqttFormat, Profile, stop};
 use kept::Kept;
 use node::Node;
+use readable::Readable;
 use run::Runner;
 
 mod broker;
@@ -40,6 +41,7 @@ mod commands;
 mod happenings;
 mod kept;
 mod node;
+mod readable;
 mod run;
 mod snapshot;
 mod stream;
@@ -88,6 +90,7 @@ impl Publishing {
             every: mqtt.every,
             resolutions: snapshot::resolutions(profile),
             happenings: Happenings::default(),
+            seen: Default::default(),
             kept,
             outbox: VecDeque::new(),
         };
@@ -125,9 +128,9 @@ fn publisher(
     state: &Path,
     source: &dyn Source,
 ) -> (Box<dyn Publisher>, Kept) {
+    let directory = kept_in(state, &profile.name);
     // The profile has refused a group that can be none.
     if let (MqttFormat::SparkplugB, Ok(address)) = (mqtt.format, Address::new(&mqtt.group, &profile.name)) {
-        let directory = kept_in(state, &profile.name);
         let kept = Kept::on_disk(&directory, mqtt.buffer);
         let node = Box::new(Node::new(address, &directory, mqtt.takes_measured));
         return match kept {
@@ -147,7 +150,7 @@ fn publisher(
         takes_measured: mqtt.takes_measured,
         home_assistant: mqtt.home_assistant,
     });
-    (Box::new(json), Kept::in_memory())
+    (Box::new(Readable::new(json, &directory)), Kept::in_memory())
 }
 
 /// Connects once, publishes nothing, and leaves.

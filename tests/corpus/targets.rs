@@ -378,7 +378,7 @@ pub(crate) fn command(data: &[u8]) {
         resolution: 0.0,
         at: now,
     };
-    let snapshot = Snapshot { metrics: vec![armed], events: Vec::new() };
+    let snapshot = Snapshot { metrics: vec![armed], ..Snapshot::default() };
     let mut node = Sparkplug::new(Node::new("shop", "press").expect("an address"), 0, true);
     node.will();
     node.connected(now, &snapshot);

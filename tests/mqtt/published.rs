@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde_json::Value;
 
 use super::broker::Broker;
-use super::machine::Machine;
+use super::machine::{Machine, SIGNALS};
 use super::process::{PATIENCE, Running, isotherm, until};
 
 fn mqtt(broker: &Broker) -> String {
@@ -70,6 +70,35 @@ fn a_gateway_that_is_killed_is_offline_by_its_will() {
     state.hears("isotherm/press/state online");
     machine.running.killed();
     state.hears("isotherm/press/state offline");
+}
+
+#[test]
+fn what_another_profile_has_no_more_the_broker_forgets() {
+    let broker = Broker::open();
+    let mut state = broker.reads("isotherm/press/state", &[]);
+    let machine = Machine::with(&mqtt(&broker));
+    state.hears("isotherm/press/state online");
+    for topic in
+        ["isotherm/press/signal/bed99", "homeassistant/sensor/isotherm-press/signal_bed99_value/config"]
+    {
+        broker.reads(topic, &[]).hears(&format!("1 {topic} {{"));
+    }
+    let mut gone = ["isotherm/press/signal/bed99", "homeassistant/#"].map(|topic| broker.reads(topic, &[]));
+    let profile = std::fs::read_to_string(&machine.profile).unwrap();
+    let profile = profile.replace("bed99 =", "table =").replace("home_assistant = true\n", "");
+    std::fs::write(&machine.profile, profile).unwrap();
+    let again = machine.dies_and_begins();
+    let is_cleared = |line: &String| line.trim_end().ends_with("isotherm/press/signal/bed99");
+    until("the signal is cleared", || {
+        if gone[0].so_far().iter().any(is_cleared) { Ok(()) } else { Err(String::new()) }
+    });
+    until("Home Assistant's topics are cleared", || {
+        let cleared = gone[1].so_far().iter().filter(|line| line.trim_end().ends_with("/config")).count();
+        // One of each signal, three of the axis, one of the gateway.
+        if cleared == SIGNALS + 4 { Ok(()) } else { Err(cleared.to_string()) }
+    });
+    broker.reads("isotherm/press/signal/table", &[]).hears("1 isotherm/press/signal/table {");
+    drop(again);
 }
 
 #[test]

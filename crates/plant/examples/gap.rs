@@ -27,7 +27,7 @@ fn snapshot(second: u32) -> Snapshot {
         resolution: 0.01,
         at: at(second),
     };
-    Snapshot { metrics: (0..SIGNALS).map(signal).collect(), events: Vec::new() }
+    Snapshot { metrics: (0..SIGNALS).map(signal).collect(), ..Snapshot::default() }
 }
 
 fn main() -> Result<(), Box<dyn Error>> {

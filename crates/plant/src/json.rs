@@ -149,6 +149,10 @@ impl Publisher for Json {
         records.iter().map(|record| self.event(now, record.clone())).collect()
     }
 
+    fn tells_in_order(&self) -> bool {
+        true
+    }
+
     fn farewell(&mut self, _now: Moment) -> Vec<Message> {
         vec![self.state("offline")]
     }

@@ -15,6 +15,9 @@ pub use snapshot::{Happening, Importance, Metric, Snapshot, Subject, Value};
 /// [`publish`](Publisher::publish) and [`received`](Publisher::received) while it lasts,
 /// [`disconnected`](Publisher::disconnected) when it has broken, [`absent`](Publisher::absent) until the next one.
 /// [`farewell`](Publisher::farewell) is the last. Each event is in one snapshot only, given to `connected`, `publish` or `absent`.
+///
+/// `now` is counted: no clock that is set moves it, and what may not have arrived is found by it. Stamps have the time of day, by
+/// the [shift](Snapshot::shift) of the snapshot.
 pub trait Publisher: Send {
     /// What the broker sends to everybody when the connection breaks.
     fn will(&mut self) -> Message;
@@ -29,7 +32,7 @@ pub trait Publisher: Send {
     /// them all, and may be called more often than there is something to tell.
     fn publish(&mut self, now: Moment, snapshot: &Snapshot) -> Vec<Message>;
 
-    /// A message has arrived.
+    /// A message has arrived. The snapshot has no events: they are told by whoever gets it next.
     fn received(&mut self, now: Moment, snapshot: &Snapshot, topic: &str, payload: &[u8]) -> Reaction;
 
     /// The connection has broken. The broker was last heard at this moment: what was told after it may never have arrived, and
@@ -46,6 +49,11 @@ pub trait Publisher: Send {
     /// [`forward`](Publisher::forward) may be called. While it may not, nothing comes of records that can be read, too.
     fn may_forward(&self) -> bool {
         true
+    }
+
+    /// What happens now is told behind what waits. Otherwise records say themselves when they were.
+    fn tells_in_order(&self) -> bool {
+        false
     }
 
     /// How much could not be told, and never will be, since this was asked last.

@@ -30,7 +30,7 @@
 //! **Quality of service 0** for births and data, as the specification demands: no acknowledgement of a message by itself. The
 //! broker has taken what stood before something on the same connection that it does acknowledge.
 
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Moment, Shift, Shifted};
 use prost::Message as _;
 
 mod address;
@@ -75,6 +75,8 @@ pub struct Sparkplug {
     /// What the broker was promised on this connection.
     born: Option<Born>,
     born_at: Moment,
+    /// As the last snapshot had it.
+    shift: Shift,
     told: Told,
     unconfirmed: Unconfirmed,
     /// A host has asked for a birth that is not yet due. No data are told before it.
@@ -110,6 +112,7 @@ impl Sparkplug {
             seq: 0,
             born: None,
             born_at: Moment::default(),
+            shift: Shift::default(),
             told: Told::default(),
             unconfirmed: Unconfirmed::default(),
             owes_birth: false,
@@ -131,29 +134,36 @@ impl Sparkplug {
 
     /// The birth, and what has happened meanwhile, behind it.
     fn birth(&mut self, now: Moment, snapshot: &Snapshot, events: &[Happening]) -> Vec<Message> {
+        let stamp = self.stamp(now, snapshot);
         self.owes_birth = false;
         self.born_at = now;
         self.seq = 0;
         let mut happened = std::mem::take(&mut self.waiting);
         happened.extend_from_slice(events);
-        let changes = self.told.changes(snapshot, &happened, now);
-        self.unconfirmed.keep(now, records(now, &changes));
+        let changes = self.told.changes(snapshot, &happened, stamp);
+        self.unconfirmed.keep(now, records(stamp, &changes));
 
-        let (born, mut metrics) = Born::of(snapshot, now, self.takes_measured);
-        metrics.push(self.death_number(Some(now)));
+        let (born, mut metrics) = Born::of(snapshot, stamp, self.takes_measured);
+        metrics.push(self.death_number(Some(stamp)));
         metrics.sort_by_key(|metric| metric.timestamp);
-        let payload = Payload { timestamp: Some(milliseconds(now)), metrics, seq: Some(0) };
+        let payload = Payload { timestamp: Some(milliseconds(stamp)), metrics, seq: Some(0) };
         let mut messages = vec![self.message(Verb::Birth, Qos::AtMostOnce, &payload)];
         self.born = Some(born);
         let is_event = |metric: &Metric| metric.name.as_deref() == Some(born::EVENT);
-        messages.extend(self.data(now, changes.into_iter().filter(is_event), false));
+        messages.extend(self.data(stamp, changes.into_iter().filter(is_event), false));
         messages
+    }
+
+    /// The time of day.
+    fn stamp(&mut self, now: Moment, snapshot: &Snapshot) -> Moment {
+        self.shift = snapshot.shift;
+        now.shifted(self.shift)
     }
 
     /// Metrics that have their names, as data; `is_historical`: not of now.
     fn data(
         &mut self,
-        now: Moment,
+        stamp: Moment,
         metrics: impl IntoIterator<Item = Metric>,
         is_historical: bool,
     ) -> Vec<Message> {
@@ -168,7 +178,8 @@ impl Sparkplug {
         let parts = in_parts(told);
         let messages = parts.into_iter().map(|metrics| {
             self.seq = self.seq.wrapping_add(1);
-            let payload = Payload { timestamp: Some(milliseconds(now)), metrics, seq: Some(self.seq.into()) };
+            let timestamp = Some(milliseconds(stamp));
+            let payload = Payload { timestamp, metrics, seq: Some(self.seq.into()) };
             self.message(Verb::Data, Qos::AtMostOnce, &payload)
         });
         messages.collect()
@@ -179,12 +190,12 @@ impl Sparkplug {
         self.message(Verb::Death, Qos::AtLeastOnce, &payload)
     }
 
-    fn death_number(&self, now: Option<Moment>) -> Metric {
+    fn death_number(&self, stamp: Option<Moment>) -> Metric {
         let kind = DataType::Int64;
         Metric {
             name: Some(BD_SEQ.to_owned()),
             datatype: Some(kind.number()),
-            timestamp: now.map(milliseconds),
+            timestamp: stamp.map(milliseconds),
             value: kind.write(&Datum::Signed(self.bd_seq.into())),
             ..Metric::default()
         }
@@ -220,10 +231,10 @@ fn in_parts(metrics: Vec<Metric>) -> Vec<Vec<Metric>> {
     parts
 }
 
-fn records(now: Moment, metrics: &[Metric]) -> Vec<Record> {
+fn records(stamp: Moment, metrics: &[Metric]) -> Vec<Record> {
     let parts = in_parts(metrics.to_vec());
     let payloads = parts.into_iter().map(|metrics| {
-        let payload = Payload { timestamp: Some(milliseconds(now)), metrics, seq: None };
+        let payload = Payload { timestamp: Some(milliseconds(stamp)), metrics, seq: None };
         Record(payload.bytes())
     });
     payloads.collect()
@@ -257,9 +268,10 @@ impl Publisher for Sparkplug {
             self.left_out.events += u64::try_from(too_many).unwrap_or(u64::MAX);
             return Vec::new();
         }
-        let changes = self.told.changes(snapshot, &snapshot.events, now);
-        self.unconfirmed.keep(now, records(now, &changes));
-        self.data(now, changes, false)
+        let stamp = self.stamp(now, snapshot);
+        let changes = self.told.changes(snapshot, &snapshot.events, stamp);
+        self.unconfirmed.keep(now, records(stamp, &changes));
+        self.data(stamp, changes, false)
     }
 
     fn received(&mut self, now: Moment, snapshot: &Snapshot, topic: &str, payload: &[u8]) -> Reaction {
@@ -267,7 +279,7 @@ impl Publisher for Sparkplug {
             return Reaction::default();
         };
         let Heard { asks_for_birth, sent, outcome } =
-            command::hear(payload, now, snapshot, born, self.takes_measured);
+            command::hear(payload, now.shifted(snapshot.shift), snapshot, born, self.takes_measured);
         let outcome = match (sent, outcome) {
             (Some(sent), Some(Outcome::Asked(command))) => {
                 let asked = Some((sent, command.clone()));
@@ -296,7 +308,8 @@ impl Publisher for Sparkplug {
     }
 
     fn absent(&mut self, now: Moment, snapshot: &Snapshot) -> Vec<Record> {
-        records(now, &self.told.changes(snapshot, &snapshot.events, now))
+        let stamp = self.stamp(now, snapshot);
+        records(stamp, &self.told.changes(snapshot, &snapshot.events, stamp))
     }
 
     fn forward(&mut self, now: Moment, records: &[Record]) -> Vec<Message> {
@@ -310,7 +323,7 @@ impl Publisher for Sparkplug {
                 Err(_) => self.left_out.unreadable_records += 1,
             }
         }
-        self.data(now, metrics, true)
+        self.data(now.shifted(self.shift), metrics, true)
     }
 
     /// No data before a birth that somebody waits for.

@@ -25,8 +25,10 @@ mod number;
 mod segment;
 #[cfg(test)]
 mod tests;
+mod topics;
 
 pub use number::NumberFile;
+pub use topics::TopicsFile;
 
 use self::segment::{FRAME, HEADER, LONGEST, Segment};
 use crate::seam::Record;

@@ -103,7 +103,7 @@ fn snapshot(second: u64, bed: Option<f64>) -> Snapshot {
             metric(axis(), "armed", Some(Value::Flag(true)), Value::Flag(false), ""),
             metric(Subject::Gateway, "events", Some(Value::Count(u64::MAX)), Value::Count(0), ""),
         ],
-        events: Vec::new(),
+        ..Snapshot::default()
     }
 }
 

@@ -8,7 +8,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_plant::{Command, Outcome};
 
 /// At most one is handed on within it.
-const PAUSE: Duration = Duration::from_secs(1);
+pub(super) const PAUSE: Duration = Duration::from_secs(1);
 /// One that was refused is reported at most so often, with a count.
 const REPORT_EVERY: Duration = Duration::from_secs(60);
 

@@ -46,6 +46,18 @@ impl Kept {
         }
     }
 
+    /// These were told before all that waits, and may not have arrived.
+    pub(super) fn take_back(&mut self, told: Vec<Record>) {
+        match self {
+            Kept::Memory { records, .. } => {
+                let behind = std::mem::take(records);
+                self.push(told.into_iter().chain(behind));
+            }
+            // They are new to it: what it keeps it has given to nobody.
+            Kept::Disk { .. } => self.push(told),
+        }
+    }
+
     /// The oldest, to be told now. The broker has everything that was told before `heard`.
     pub(super) fn next(&mut self, now: Moment, heard: Moment) -> Vec<Record> {
         match self {
@@ -65,6 +77,14 @@ impl Kept {
                 *told = (!records.is_empty()).then_some((now, records.len()));
                 records
             }
+        }
+    }
+
+    /// There is no next time: all that would be lost, to be told now. A disk keeps its own.
+    pub(super) fn ends(&mut self) -> Vec<Record> {
+        match self {
+            Kept::Memory { records, .. } => std::mem::take(records).into(),
+            Kept::Disk { .. } => Vec::new(),
         }
     }
 

@@ -68,6 +68,10 @@ impl Publisher for Node {
         self.node.may_forward()
     }
 
+    fn tells_in_order(&self) -> bool {
+        self.node.tells_in_order()
+    }
+
     fn farewell(&mut self, now: Moment) -> Vec<Message> {
         self.node.farewell(now)
     }

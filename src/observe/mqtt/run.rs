@@ -10,14 +10,15 @@ use tokio::sync::watch;
 use tokio::time::{Interval, MissedTickBehavior, interval};
 
 use super::broker::{Arrived, Broker, Connection, Fault, Heard};
-use super::commands::Commands;
+use super::commands::{self, Commands};
 use super::happenings::Happenings;
 use super::kept::Kept;
+use super::moment;
 use super::snapshot::metrics;
 use crate::clock::Clock;
 use crate::observe::events::{Broker as BrokerEvent, Event};
 use crate::observe::status::{BrokerFigures, Source};
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Moment, Shift};
 use isotherm_plant::{Message, Publisher, Snapshot};
 use isotherm_profile::stop;
 
@@ -39,6 +40,8 @@ pub(super) struct Runner {
     pub(super) every: Duration,
     pub(super) resolutions: Vec<f64>,
     pub(super) happenings: Happenings,
+    /// The figures as they were at the last look, and when that was.
+    pub(super) seen: (Moment, Snapshot),
     pub(super) kept: Kept,
     pub(super) commands: Commands,
     /// What the connection had no room for yet, and when it was told.
@@ -72,7 +75,7 @@ impl Runner {
                 }
             };
             let fault = match connected {
-                None => return,
+                None => return self.keep(),
                 Some(Err(fault)) => fault,
                 Some(Ok(connection)) => {
                     self.is_connected(std::mem::take(&mut failures));
@@ -97,7 +100,8 @@ impl Runner {
                 tokio::select! {
                     () = &mut waiting => break,
                     _ = ticks.tick() => self.keep(),
-                    () = ends(&mut stopped) => return,
+                    // What happened last waits on disk for the next run.
+                    () = ends(&mut stopped) => return self.keep(),
                 }
             }
         }
@@ -142,7 +146,7 @@ impl Runner {
             }
         }
         let now = self.clock.time_of_day();
-        let snapshot = self.snapshot();
+        let snapshot = self.snapshot_in_order(now);
         let messages = self.publisher.connected(now, &snapshot);
         self.outbox.extend(messages.into_iter().map(|message| (now, message)));
         ticks.reset();
@@ -175,13 +179,12 @@ impl Runner {
     fn tell(&mut self, last_heard: Moment) {
         if !self.outbox.is_empty() {
             // It is too slow: the state that it gets next is the newest then, and only events wait.
-            let status = self.source.status();
-            self.happenings.look(&status);
+            self.look();
             self.count();
             return;
         }
         let now = self.clock.time_of_day();
-        let snapshot = self.snapshot();
+        let snapshot = self.snapshot_in_order(now);
         let mut messages = self.publisher.publish(now, &snapshot);
         if self.publisher.may_forward() {
             let records = self.kept.next(now, last_heard);
@@ -191,10 +194,29 @@ impl Runner {
         self.tell_what_was_dropped();
     }
 
-    fn snapshot(&mut self) -> Snapshot {
+    /// What has happened since the last look waits until it is taken.
+    fn look(&mut self) {
         let status = self.source.status();
         self.happenings.look(&status);
-        Snapshot { metrics: metrics(&status, &self.resolutions), events: self.happenings.take() }
+        let (metrics, now) = (metrics(&status, &self.resolutions), self.clock.time_of_day());
+        // The gateway's time of day follows a clock that is set; this one's does not, so that what was told keeps its order.
+        let shift = moment(&status.now).map_or_else(Shift::default, |day| Shift::between(now, day));
+        self.seen = (now, Snapshot { metrics, events: Vec::new(), shift });
+    }
+
+    fn snapshot(&mut self) -> Snapshot {
+        self.look();
+        Snapshot { events: self.happenings.take(), ..self.seen.1.clone() }
+    }
+
+    /// To be told now. Where other events wait, and the format wants them in their order, the new ones wait behind them.
+    fn snapshot_in_order(&mut self, now: Moment) -> Snapshot {
+        let mut snapshot = self.snapshot();
+        if self.publisher.tells_in_order() && self.kept.len() > 0 {
+            self.kept.push(self.publisher.absent(now, &snapshot));
+            snapshot.events.clear();
+        }
+        snapshot
     }
 
     /// While there is no connection.
@@ -214,7 +236,7 @@ impl Runner {
         let waiting = self.outbox.front().map_or(last_heard, |(told, _)| *told);
         self.outbox.clear();
         self.kept.is_broken();
-        self.kept.push(self.publisher.disconnected(last_heard.min(waiting)));
+        self.kept.take_back(self.publisher.disconnected(last_heard.min(waiting)));
         self.count();
     }
 
@@ -224,9 +246,12 @@ impl Runner {
             self.commands.refuse_retained(now, &arrived.topic, self.source.as_ref());
             return;
         }
-        let snapshot = self.snapshot();
+        // Whoever may publish there decides how often it comes, and not how often everything is looked at.
+        if now.since(self.seen.0) >= commands::PAUSE {
+            self.look();
+        }
         let Arrived { topic, payload, .. } = arrived;
-        let reaction = self.publisher.received(now, &snapshot, &topic, &payload);
+        let reaction = self.publisher.received(now, &self.seen.1, &topic, &payload);
         self.outbox.extend(reaction.messages.into_iter().map(|message| (now, message)));
         if let Some(outcome) = reaction.outcome {
             self.commands.take(now, outcome, self.source.as_ref());
@@ -267,8 +292,11 @@ impl Runner {
     /// The gateway has ended: the last state and the farewell, in two seconds or never.
     async fn end(&mut self, mut connection: impl Connection) {
         let now = self.clock.time_of_day();
-        let snapshot = self.snapshot();
+        let snapshot = self.snapshot_in_order(now);
         let mut messages = self.publisher.publish(now, &snapshot);
+        if self.publisher.may_forward() {
+            messages.extend(self.publisher.forward(now, &self.kept.ends()));
+        }
         messages.extend(self.publisher.farewell(now));
         self.outbox.extend(messages.into_iter().map(|message| (now, message)));
         let last = async {
@@ -283,7 +311,11 @@ impl Runner {
             }
         };
         if tokio::time::timeout(LAST_PATIENCE, last).await == Ok(true) {
+            // Nothing comes back but what no birth has let out.
+            self.is_lost(Moment::END);
             connection.close().await;
+        } else {
+            self.is_lost(connection.last_heard());
         }
         self.figures.note(|figures| figures.connected = false);
     }

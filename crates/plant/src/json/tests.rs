@@ -33,7 +33,7 @@ fn snapshot(bed: Option<f64>, state: &str) -> Snapshot {
             metric(axis, "cz_um", Some(Value::Real(-12.4)), 0.05),
             metric(Subject::Signal("bed".into()), "value", bed, 0.05),
         ],
-        events: Vec::new(),
+        ..Snapshot::default()
     }
 }
 

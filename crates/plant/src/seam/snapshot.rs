@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Moment, Shift};
 
 /// Everything that is told of a gateway at one moment.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -11,6 +11,8 @@ pub struct Snapshot {
     pub metrics: Vec<Metric>,
     /// What has happened since the snapshot before, oldest first.
     pub events: Vec<Happening>,
+    /// What brings the publisher's `now` to the time of day.
+    pub shift: Shift,
 }
 
 /// One figure, word or flag.

@@ -41,7 +41,7 @@ pub(super) fn snapshot(bed: Option<f64>, is_armed: bool, taken: Moment) -> Snaps
             metric(Subject::Signal("bed".to_owned()), "value", bed, Value::Real(0.0), "°C", 0.01),
             metric(Subject::Axis("z".to_owned()), "is_armed", armed, Value::Flag(false), "", 0.0),
         ],
-        events: Vec::new(),
+        ..Snapshot::default()
     }
 }
 

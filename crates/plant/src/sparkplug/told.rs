@@ -44,7 +44,12 @@ impl Told {
     }
 
     /// What has changed since, which is told by this; and what has happened. In the order of time.
-    pub(super) fn changes(&mut self, snapshot: &Snapshot, events: &[Happening], now: Moment) -> Vec<Metric> {
+    pub(super) fn changes(
+        &mut self,
+        snapshot: &Snapshot,
+        events: &[Happening],
+        stamp: Moment,
+    ) -> Vec<Metric> {
         if !self.is_of(snapshot) {
             self.figures = snapshot.metrics.iter().map(Figure::of).collect();
         }
@@ -58,7 +63,7 @@ impl Told {
             if !is_new {
                 continue;
             }
-            let mut told = named(metric, now);
+            let mut told = named(metric, stamp);
             if matches!(figure.last, Last::Unknown) && told.is_null.is_none() && has_quality(&metric.subject)
             {
                 add_quality(&mut told, GOOD);

@@ -4,16 +4,24 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 
 use super::*;
+use crate::clock::{Passing, TimeOfDay};
 use crate::observe::asker::Asker;
 use crate::observe::events::file::Found;
 use crate::observe::events::{Entry, Level};
 use crate::observe::status::{Answer, BrokerStatus, Command, Status};
 use isotherm_plant::{Json, JsonSettings, Subscription};
 
+mod arrived;
+mod dated;
+mod stopped;
+
 /// A gateway at which something happens with each look, as long as it is told so.
 #[derive(Default)]
 struct Machine {
     happened: Mutex<(u64, u64)>,
+    looks: Mutex<u64>,
+    /// The measured errors that were taken.
+    measured: Mutex<Vec<f64>>,
     reported: Mutex<Vec<Event>>,
 }
 
@@ -23,8 +31,17 @@ impl Machine {
         self.happened.lock().unwrap().1 = events;
     }
 
+    /// So many more have happened since the last look.
+    fn has(&self, events: u64) {
+        self.happened.lock().unwrap().0 += events;
+    }
+
     fn happened(&self) -> u64 {
         self.happened.lock().unwrap().0
+    }
+
+    fn looks(&self) -> u64 {
+        *self.looks.lock().unwrap()
     }
 
     fn said(&self) -> Vec<String> {
@@ -35,6 +52,7 @@ impl Machine {
 
 impl Source for Machine {
     fn status(&self) -> Status {
+        *self.looks.lock().unwrap() += 1;
         let mut happened = self.happened.lock().unwrap();
         happened.0 += happened.1;
         let entry = |number: u64| Entry {
@@ -85,7 +103,8 @@ impl Source for Machine {
         panic!("nobody moves over the broker")
     }
 
-    fn measured(&self, _: &str, _: Option<f64>, _: &Asker) -> Result<Answer, String> {
+    fn measured(&self, _: &str, error_um: Option<f64>, _: &Asker) -> Result<Answer, String> {
+        self.measured.lock().unwrap().extend(error_um);
         Ok(Answer::Done(String::new()))
     }
 
@@ -117,14 +136,30 @@ struct State {
     is_away: bool,
     /// It is there, and takes nothing.
     is_full: bool,
+    /// Nothing of it arrives, and what is sent to it does not either.
+    is_cut_off: bool,
     attempts: u64,
-    taken: Vec<String>,
+    taken: Vec<Message>,
+    /// `None`: it has everything that was sent.
+    last_heard: Option<Moment>,
+    arrives: VecDeque<Arrived>,
+}
+
+impl Fake {
+    /// It has this message for the gateway.
+    fn brings(&self, topic: &str, payload: &[u8]) {
+        let arrived = Arrived { topic: topic.into(), payload: payload.into(), retained: false };
+        self.0.lock().unwrap().arrives.push_back(arrived);
+    }
 }
 
 impl Broker for Fake {
     type Connection = Fake;
 
     async fn connect(&self, _: Option<Message>) -> Result<Fake, Fault> {
+        if self.0.lock().unwrap().is_cut_off {
+            std::future::pending::<()>().await;
+        }
         let mut state = self.0.lock().unwrap();
         state.attempts += 1;
         if state.is_away { Err(Fault::Silent) } else { Ok(self.clone()) }
@@ -137,29 +172,37 @@ impl Connection for Fake {
         if state.is_full {
             return Err(message);
         }
-        state.taken.push(format!("{} {}", message.topic, String::from_utf8(message.payload).unwrap()));
+        if !state.is_cut_off {
+            state.taken.push(message);
+        }
         Ok(())
     }
 
     fn subscribe(&mut self, _: &Subscription) -> Result<(), Fault> {
-        panic!("nothing is asked for")
+        Ok(())
     }
 
     async fn next(&mut self) -> Heard {
         loop {
-            tokio::time::sleep(Duration::from_millis(100)).await;
-            if self.0.lock().unwrap().is_away {
-                return Heard::Lost(Fault::Broken);
+            {
+                let mut state = self.0.lock().unwrap();
+                if state.is_away {
+                    return Heard::Lost(Fault::Broken);
+                }
+                if let Some(arrived) = state.arrives.pop_front() {
+                    return Heard::Arrived(arrived);
+                }
             }
+            tokio::time::sleep(Duration::from_millis(100)).await;
         }
     }
 
     fn last_heard(&self) -> Moment {
-        Moment::END
+        self.0.lock().unwrap().last_heard.unwrap_or(Moment::END)
     }
 
     fn is_done(&self) -> bool {
-        true
+        !self.0.lock().unwrap().is_cut_off
     }
 
     async fn close(self) {}
@@ -167,27 +210,33 @@ impl Connection for Fake {
 
 /// Runs beside a broker, until `day` is over; how publishing went then.
 async fn run(machine: &Arc<Machine>, broker: &Fake, day: impl Future<Output = ()>) -> BrokerStatus {
+    run_as((json(false), Kept::in_memory()), machine, broker, day).await
+}
+
+/// The same with this publisher.
+async fn run_as(
+    (publisher, kept): (Box<dyn Publisher>, Kept),
+    machine: &Arc<Machine>,
+    broker: &Fake,
+    day: impl Future<Output = ()>,
+) -> BrokerStatus {
     let source: Arc<dyn Source> = machine.clone();
     let figures = Arc::new(BrokerFigures::of("mqtt://here".into()));
-    let json = Json::new(JsonSettings {
-        group: "g".into(),
-        machine: "press".into(),
-        version: "1".into(),
-        refresh: Duration::from_secs(60),
-        takes_measured: false,
-        home_assistant: false,
-    });
+    #[allow(clippy::disallowed_types, reason = "the paused clock of the test itself")]
+    let begun = tokio::time::Instant::now();
     let runner = Runner {
-        publisher: Box::new(json),
+        publisher,
         source,
         figures: figures.clone(),
-        clock: Clock::wall(),
+        // It goes by the runtime's.
+        clock: Clock::wall_by(Passing::by(move || begun.elapsed()), TimeOfDay::default()),
         commands: Commands::from("mqtt://here"),
         address: "mqtt://here".into(),
         every: Duration::from_secs(1),
         resolutions: Vec::new(),
         happenings: Happenings::default(),
-        kept: Kept::in_memory(),
+        seen: Default::default(),
+        kept,
         outbox: VecDeque::new(),
     };
     let (stop, stopped) = watch::channel(false);
@@ -200,14 +249,31 @@ async fn run(machine: &Arc<Machine>, broker: &Fake, day: impl Future<Output = ()
     tokio::join!(runner.run(broker.clone(), stopped), day).1
 }
 
+fn json(takes_measured: bool) -> Box<dyn Publisher> {
+    Box::new(Json::new(JsonSettings {
+        group: "g".into(),
+        machine: "press".into(),
+        version: "1".into(),
+        refresh: Duration::from_secs(60),
+        takes_measured,
+        home_assistant: false,
+    }))
+}
+
 async fn passes(seconds: u64) {
     tokio::time::sleep(Duration::from_secs(seconds)).await;
 }
 
+/// The numbers of the events that the broker has taken, as they came.
 fn events_of(broker: &Fake) -> Vec<u64> {
     let state = broker.0.lock().unwrap();
-    let number = |line: &String| line.rsplit("number ").next()?.trim_end_matches(['"', '}']).parse().ok();
-    state.taken.iter().filter(|line| line.starts_with("g/press/event")).filter_map(number).collect()
+    state.taken.iter().flat_map(|message| numbers(&message.payload)).collect()
+}
+
+fn numbers(payload: &[u8]) -> Vec<u64> {
+    let text = String::from_utf8_lossy(payload);
+    let digits = |rest: &str| rest.chars().take_while(char::is_ascii_digit).collect::<String>();
+    text.split("number ").skip(1).map(|rest| digits(rest).parse().unwrap()).collect()
 }
 
 #[tokio::test(start_paused = true)]
@@ -235,13 +301,46 @@ async fn what_happens_meanwhile_is_told_once_each_when_it_is_back() {
     })
     .await;
     assert_eq!((went.connected, went.dropped, went.queued), (true, 0, 0));
-    let mut told = events_of(&broker);
+    let told = events_of(&broker);
     assert!(told.len() > 650, "{}", told.len());
-    told.sort_unstable();
     let last = told.last().copied().unwrap();
-    assert_eq!(told, (0..=last).collect::<Vec<_>>(), "each once");
+    assert_eq!(told, (0..=last).collect::<Vec<_>>(), "each once, in its order");
     let said = machine.said();
     assert!(said.len() == 2 && said[1].contains("connected after"), "{said:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_was_told_in_vain_is_told_again_before_what_waits_behind_it() {
+    let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
+    broker.0.lock().unwrap().is_away = true;
+    machine.is_busy(1);
+    let before = Mutex::new(0);
+    run(&machine, &broker, async {
+        passes(800).await;
+        let begun = broker.0.lock().unwrap().attempts;
+        broker.0.lock().unwrap().is_away = false;
+        while broker.0.lock().unwrap().attempts == begun {
+            passes(1).await;
+        }
+        // Half of what waits has been told, and none of it has arrived.
+        while events_of(&broker).is_empty() {
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+        {
+            let mut state = broker.0.lock().unwrap();
+            (state.is_away, state.last_heard) = (true, Some(Moment::default()));
+        }
+        passes(5).await;
+        *before.lock().unwrap() = events_of(&broker).len();
+        broker.0.lock().unwrap().is_away = false;
+        passes(60).await;
+    })
+    .await;
+    let before = *before.lock().unwrap();
+    assert_eq!(before, 500, "at a time");
+    let told = events_of(&broker)[before..].to_vec();
+    let last = told.last().copied().unwrap();
+    assert_eq!(told, (0..=last).collect::<Vec<_>>());
 }
 
 #[tokio::test(start_paused = true)]

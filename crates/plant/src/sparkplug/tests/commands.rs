@@ -93,6 +93,22 @@ fn the_measured_error_of_an_axis_is_taken_where_the_profile_takes_it() {
 }
 
 #[test]
+fn a_measured_error_is_of_now_by_a_clock_that_was_set() {
+    let hour = 3_600_000;
+    let shift = Shift::from_nanos(i64::try_from(hour * 1_000_000).unwrap());
+    let state = Snapshot { shift, ..snapshot(Some(21.5), true, at(0)) };
+    let (mut node, birth) = connected(at(0), &state);
+    assert_eq!((birth.timestamp, find(&birth, "bdSeq").timestamp), (ms(hour), ms(hour)));
+    let mut hear = |sent| {
+        let payload = command(&[named("axis/z/measured_error_um", Raw::Double(3.2))], ms(sent));
+        node.received(at(5_000), &state, NCMD, &payload).outcome
+    };
+    assert_eq!(hear(hour + 4_000), measured(3.2));
+    let Some(Outcome::Refused { why, .. }) = hear(4_000) else { panic!("it was sent an hour ago") };
+    assert!(why.starts_with("it was sent 3601 s ago"), "{why}");
+}
+
+#[test]
 fn a_measured_error_that_a_broker_brings_twice_is_taken_once() {
     let state = snapshot(Some(21.5), true, at(0));
     let (mut node, _) = connected(at(0), &state);

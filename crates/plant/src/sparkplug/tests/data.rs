@@ -112,7 +112,7 @@ fn much_at_once_becomes_several_messages_of_one_sequence() {
             resolution: 0.0,
             at: at(value),
         };
-        Snapshot { metrics: (0..5000).map(metric).collect(), events: Vec::new() }
+        Snapshot { metrics: (0..5000).map(metric).collect(), ..Snapshot::default() }
     };
     let (mut node, birth) = connected(at(0), &many(0));
     assert_eq!(birth.metrics.len(), 5000 + 4 - 1);

@@ -1,0 +1,77 @@
+//! Names of topics in a file of their own, replaced as a whole.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+use super::{CHECKSUM, create};
+
+/// More is none of ours.
+const LARGEST: u64 = 4 << 20;
+
+/// Topics that outlive the program. Killed at any instant, the file has those before or those after.
+#[derive(Clone, Debug)]
+pub struct TopicsFile {
+    path: PathBuf,
+}
+
+impl TopicsFile {
+    /// The topics in this file.
+    pub fn at(path: impl Into<PathBuf>) -> TopicsFile {
+        TopicsFile { path: path.into() }
+    }
+
+    /// The topics; none where there is no file, or none of this form.
+    ///
+    /// # Errors
+    /// There is a file that cannot be read.
+    pub fn read(&self) -> io::Result<BTreeSet<String>> {
+        let bytes = match fs::metadata(&self.path) {
+            Ok(about) if about.is_file() && about.len() <= LARGEST => fs::read(&self.path)?,
+            Ok(_) => return Ok(BTreeSet::new()),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(BTreeSet::new()),
+            Err(error) => return Err(error),
+        };
+        Ok(topics(&bytes).unwrap_or_default())
+    }
+
+    /// Replaces the topics. A power cut may bring the old ones back, or none; a kill does not.
+    ///
+    /// # Errors
+    /// The old ones are there still.
+    pub fn write<'t>(&self, topics: impl IntoIterator<Item = &'t String>) -> io::Result<()> {
+        let fresh = self.path.with_extension("new");
+        let lines: String = topics.into_iter().flat_map(|topic| [topic.as_str(), "\n"]).collect();
+        let checksum = CHECKSUM.checksum(lines.as_bytes()).to_le_bytes();
+        create(&fresh)?.write_all(&[&checksum[..], lines.as_bytes()].concat())?;
+        fs::rename(&fresh, &self.path)
+    }
+}
+
+fn topics(bytes: &[u8]) -> Option<BTreeSet<String>> {
+    let (checksum, lines) = bytes.split_first_chunk::<4>()?;
+    let is_whole = CHECKSUM.checksum(lines).to_le_bytes() == *checksum;
+    let lines = std::str::from_utf8(lines).ok().filter(|_| is_whole)?;
+    Some(lines.lines().map(str::to_owned).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn topics_outlive_the_program_and_what_is_damaged_is_none() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = TopicsFile::at(directory.path().join("topics"));
+        assert_eq!(file.read().unwrap(), BTreeSet::new());
+        let topics = BTreeSet::from(["g/press/axis/z".to_owned(), "g/press/signal/bed 1".to_owned()]);
+        file.write(&topics).unwrap();
+        file.write(&topics).unwrap();
+        assert_eq!(file.read().unwrap(), topics);
+        let mut bytes = fs::read(&file.path).unwrap();
+        bytes[6] ^= 1;
+        fs::write(&file.path, &bytes).unwrap();
+        assert_eq!(file.read().unwrap(), BTreeSet::new());
+    }
+}
