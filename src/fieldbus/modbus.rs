@@ -12,8 +12,6 @@ use std::hash::{BuildHasher, Hasher};
 use std::io;
 use std::time::Duration;
 
-use isotherm_core::quantity::Moment;
-
 use super::departure::Departure;
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::pdu;
@@ -22,16 +20,17 @@ use super::trace::Tap;
 use super::wire::{Answer, Boxed, Request, Wire};
 use crate::tls::TlsFault;
 use behind::Behind;
+use isotherm_core::quantity::Moment;
 
 mod behind;
 
 /// Transaction, protocol and length, behind which the length counts; and the unit.
 const HEADER: usize = 6;
-/// A write so soon after the question before it follows the answer at once: what came with that was seen, and looking
-/// again would cost a loop on one computer as much as half an answer.
-const AT_ONCE: Duration = Duration::from_millis(1);
 /// Header, unit and the longest message.
 const LONGEST: usize = HEADER + 1 + pdu::LONGEST;
+/// A write so soon after a question that was answered follows at once: what came with the answer was seen, and looking again
+/// would cost a loop on one computer a hundredth of its turns.
+const AT_ONCE: Duration = Duration::from_millis(1);
 
 /// An open Modbus TCP connection.
 pub struct ModbusTcp {

@@ -257,3 +257,29 @@ async fn what_is_read_behind_a_question_is_as_old_as_that() {
     };
     tokio::join!(ours, peer);
 }
+
+#[tokio::test]
+async fn what_nobody_asked_for_keeps_a_write_from_leaving_and_is_found_behind_one_that_follows_an_answer_at_once()
+ {
+    for (pause, left, fault) in [(0, true, PeerFault::Foreign), (1, false, PeerFault::Unasked)] {
+        let (ours, mut theirs) = duplex(512);
+        let clock = Clock::simulated(Moment::default().after(Duration::from_secs(60)), None);
+        let mut wire = ModbusTcp::new(ours, &Tap::default());
+        let mut departure = Departure::whenever(&clock);
+        let mut asked = Vec::new();
+        let peer_answers = async {
+            asked = hear(&mut theirs).await;
+            theirs.write_all(&frame(&asked, 0, 0, TWO)).await.unwrap();
+        };
+        let (read, ()) = tokio::join!(wire.exchange(3, READ, &mut departure), peer_answers);
+        assert_eq!(read, Ok(Answer::Registers(vec![1, 2])));
+        theirs.write_all(&frame(&asked, 0, 0, TWO)).await.unwrap();
+        clock.skip(Duration::from_millis(pause));
+        departure.look();
+        assert_eq!(wire.exchange(3, WRITE, &mut departure).await, peer(fault));
+        drop(wire);
+        let mut heard = Vec::new();
+        theirs.read_to_end(&mut heard).await.unwrap();
+        assert_eq!(!heard.is_empty(), left, "{pause} ms");
+    }
+}
