@@ -15,7 +15,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Micron, Millimetre, Moment};
-use crate::reading::{Reading, SignalId};
+use crate::reading::{Quality, Reading, SignalId};
 
 pub mod model;
 pub mod reference;
@@ -54,7 +54,7 @@ pub struct Snapshot<'a> {
     pub readings: &'a [Reading],
     /// What is used instead of readings: others stand in for those sensors.
     instead: &'a [Instead],
-    /// The lags have gone on to it, and no reference has been captured since.
+    /// The lags have gone on to it, all by their own sensors, and no reference has been captured since.
     is_followed: bool,
 }
 
@@ -82,6 +82,13 @@ impl<'a> Snapshot<'a> {
     #[inline]
     fn reading(&self, id: SignalId) -> Option<f64> {
         self.readings.get(id.0)?.usable()
+    }
+
+    /// The same, if it is less than this, above and below zero.
+    #[inline]
+    fn reading_below(&self, limit: f64, id: SignalId) -> Option<f64> {
+        let Reading { value, quality, .. } = self.readings.get(id.0)?;
+        (*quality == Quality::Good && value.abs() < limit).then_some(*value)
     }
 
     /// What is used instead of this sensor.

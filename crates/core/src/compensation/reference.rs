@@ -39,6 +39,23 @@ pub struct Machine {
     was_zeroed: Option<bool>,
     start: Vec<Capture>,
     zero: Vec<Capture>,
+    #[serde(skip)]
+    known: Known,
+}
+
+/// What saves looking at captures. It says nothing that they do not say: no two machines differ by it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Known {
+    /// How often what is captured has changed since the gateway started.
+    captures: u32,
+    /// None is being gathered.
+    is_complete: bool,
+}
+
+impl PartialEq for Known {
+    fn eq(&self, _: &Known) -> bool {
+        true
+    }
 }
 
 /// The reference of one signal: captured, or being gathered.
@@ -144,6 +161,18 @@ impl Machine {
         Some(Captured { value: Celsius::new(capture.value?)?, at: capture.at })
     }
 
+    /// A number that is another one whenever some reference has been captured, or taken away: whoever knows it need look
+    /// nothing up.
+    #[inline]
+    pub(super) fn captures(&self) -> u32 {
+        self.known.captures
+    }
+
+    /// What is captured is not what it was.
+    fn changed(&mut self) {
+        self.known.captures = self.known.captures.wrapping_add(1);
+    }
+
     /// A reference waits for its sensor to be believed.
     pub(super) fn is_withheld(&self, reference: Reference, signal: SignalId) -> bool {
         let captures = match reference {
@@ -169,6 +198,7 @@ impl Machine {
             return;
         }
         (capture.value, capture.gathering) = (Some(beginning.value), None);
+        self.changed();
     }
 
     /// Whether these values hold an edge, or the first good reading, that [`Machine::observe`] would act upon.
@@ -202,6 +232,7 @@ impl Machine {
         let fresh = Capture { gathering: Some(Gathering::new(snapshot.now, settings)), ..Capture::default() };
         // A signal that the profile gained since the machine started is captured from now on.
         let unseen = if self.on_since.is_some() { fresh } else { Capture::default() };
+        self.known.is_complete &= self.start.len() == settings.signals && self.zero.len() == settings.signals;
         self.start.resize(settings.signals, unseen);
         self.zero.resize(settings.signals, unseen);
         let started = self.begins_to_run(settings, snapshot);
@@ -209,6 +240,8 @@ impl Machine {
             (self.on_since, self.on_before, self.on_away) =
                 (Some(snapshot.now), Duration::ZERO, Duration::ZERO);
             self.start.fill(fresh);
+            self.changed();
+            self.known.is_complete = false;
             // A machine that was never zeroed is zeroed by its first start.
             for capture in self.zero.iter_mut().filter(|capture| capture.value.is_none()) {
                 *capture = fresh;
@@ -218,25 +251,38 @@ impl Machine {
         if zeroed {
             self.zero(settings, snapshot.now);
         }
-        for (place, reading) in snapshot.readings.iter().enumerate() {
-            let Some(value) = reading.usable() else { continue };
-            for captures in [&mut self.start, &mut self.zero] {
-                let Some(capture) = captures.get_mut(place).filter(|capture| capture.gathering.is_some())
-                else {
-                    continue;
-                };
+        if !self.known.is_complete {
+            self.gather(snapshot, is_distrusted);
+        }
+        Noticed { started, zeroed }
+    }
+
+    /// Takes what can be read now into the references that are open.
+    fn gather(&mut self, snapshot: &Snapshot<'_>, is_distrusted: impl Fn(SignalId) -> bool) {
+        let is_open = |capture: &Capture| capture.gathering.is_some();
+        let mut has_captured = false;
+        for captures in [&mut self.start, &mut self.zero] {
+            let readings = snapshot.readings.iter().enumerate();
+            for ((place, reading), capture) in readings.zip(captures).filter(|(_, capture)| is_open(capture))
+            {
+                let Some(value) = reading.usable() else { continue };
                 capture.withheld = is_distrusted(SignalId(place));
                 if !capture.withheld {
                     capture.gather(value, snapshot.now);
+                    has_captured |= !is_open(capture);
                 }
             }
         }
-        Noticed { started, zeroed }
+        if has_captured {
+            self.changed();
+        }
+        self.known.is_complete = !self.start.iter().chain(&self.zero).any(is_open);
     }
 
     /// Captures the "zero" references from now on. The old ones serve until the new ones are complete.
     pub fn zero(&mut self, settings: &MachineSettings, now: Moment) {
         self.zero.resize(settings.signals, Capture::default());
+        self.known.is_complete = false;
         for capture in &mut self.zero {
             capture.gathering = Some(Gathering::new(now, settings));
         }
@@ -245,6 +291,7 @@ impl Machine {
     /// The same for these signals.
     pub(super) fn zero_of(&mut self, signals: &[SignalId], settings: &MachineSettings, now: Moment) {
         self.zero.resize(settings.signals, Capture::default());
+        self.known.is_complete = false;
         for signal in signals {
             if let Some(capture) = self.zero.get_mut(signal.0) {
                 capture.gathering = Some(Gathering::new(now, settings));

@@ -34,7 +34,8 @@ impl Watched {
 
     /// The readings as the model sees them.
     pub(super) fn seen<'a>(&'a self, snapshot: &Snapshot<'a>) -> Snapshot<'a> {
-        Snapshot { instead: &self.instead, ..*snapshot }
+        let is_followed = snapshot.is_followed && self.instead.is_empty();
+        Snapshot { instead: &self.instead, is_followed, ..*snapshot }
     }
 }
 

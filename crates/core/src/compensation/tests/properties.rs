@@ -2,6 +2,8 @@ use crate::quantity::of;
 use proptest::prelude::*;
 
 use super::*;
+use crate::compensation::model::Lag;
+use crate::compensation::stand_in::Beginning;
 
 fn any_value() -> impl Strategy<Value = f64> {
     prop_oneof![
@@ -157,4 +159,44 @@ proptest! {
         }
         prop_assert_eq!(&decisions[0], &decisions[1]);
     }
+
+    #[test]
+    fn a_lag_that_knows_its_reference_goes_as_one_that_looks_it_up(
+        moments in prop::collection::vec(any_moment(), 1..60),
+        settle in 0u64..40,
+        squared in any::<bool>(),
+    ) {
+        let settings = MachineSettings {
+            on: Some(ON), zero: Some(BUTTON), settle: Duration::from_secs(settle), signals: 4
+        };
+        let references = [Reference::Fixed(of(20.0)), Reference::Start, Reference::Zero];
+        let inputs = references.map(|reference| Input { squared, ..Input::of(BED, reference, Some(seconds(900.0))) });
+        let mut machine = reference::Machine::default();
+        let (mut knows, mut looks_up) = ([Lag::default(); 3], [Lag::default(); 3]);
+        let mut now = Moment::from_nanos(0);
+        for (jump, bed, (on, button, begins)) in moments {
+            now = Moment::from_nanos(now.as_nanos().saturating_add_signed(jump));
+            let values = [bed, 20.0, f64::from(u8::from(on)), f64::from(u8::from(button))];
+            let readings = values.map(|value| Reading::good(value, now));
+            let snapshot = Snapshot::new(now, &readings);
+            machine.observe(&settings, &snapshot);
+            for ((input, knows), looks_up) in inputs.iter().zip(&mut knows).zip(&mut looks_up) {
+                *looks_up = looks_up.kept().map_or(Lag::default(), Lag::recalled);
+                looks_up.follow(input, &snapshot, &machine);
+                knows.follow(input, &snapshot, &machine);
+                prop_assert_eq!(knows.kept(), looks_up.kept());
+                prop_assert!(knows.kept().is_none_or(|kept| kept.is_finite()));
+            }
+            if begins {
+                machine.begins(BED, Beginning { value: bed, distrusted_since: Moment::default() });
+            }
+        }
+    }
+}
+
+/// How far time goes on, what the bed reads, whether the machine runs, its button is pressed, and its start becomes known
+/// afterwards.
+fn any_moment() -> impl Strategy<Value = (i64, f64, (bool, bool, bool))> {
+    let rarely = || prop::bool::weighted(0.1);
+    (any_jump(), any_value(), (prop::bool::weighted(0.8), rarely(), rarely()))
 }
