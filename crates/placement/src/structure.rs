@@ -1,6 +1,6 @@
 //! Linear thermo-elasticity: how a body that is held somewhere deforms as its nodes warm.
 
-use faer::Mat;
+use faer::{Mat, MatRef};
 use rayon::prelude::*;
 
 use crate::body::{Materials, Progress};
@@ -149,24 +149,37 @@ impl<'a> Structure<'a> {
         let each = adjoints.ncols().div_ceil(rayon::current_num_threads()).max(1);
         // Each thread goes through the elements once, for its own rows.
         values.par_chunks_mut(columns * each).enumerate().for_each(|(place, values)| {
-            for_each_point(self.mesh, |element, point, count| {
-                let nodes = &self.mesh.elements[element].nodes;
-                let push = self.push(element) * point.volume;
-                for (row, values) in values.chunks_exact_mut(columns).enumerate() {
-                    let adjoint = adjoints.col(place * each + row);
-                    let mut spread = 0.0;
-                    for (node, gradient) in nodes.iter().zip(&point.gradient) {
-                        let Some(number) = self.factor.free()[*node] else { continue };
-                        for axis in 0..3 {
-                            spread += gradient[axis] * adjoint[3 * number + axis];
-                        }
-                    }
-                    for node in 0..count {
-                        values[nodes[node]] += push * spread * point.value[node];
-                    }
-                }
-            });
+            let rows = values.len() / columns;
+            let own = adjoints.subcols(place * each, rows);
+            let works = self.works(&side_by_side(own), rows);
+            for (row, values) in values.chunks_exact_mut(columns).enumerate() {
+                values
+                    .iter_mut()
+                    .zip(works.chunks_exact(rows))
+                    .for_each(|(value, works)| *value = works[row]);
+            }
         });
+    }
+
+    /// The same of `rows` adjoints that lie side by side: for each node of the mesh theirs.
+    fn works(&self, adjoints: &[f64], rows: usize) -> Vec<f64> {
+        let mut works = vec![0.0; self.mesh.nodes.len() * rows];
+        let mut spread = vec![0.0; rows];
+        for_each_point(self.mesh, |element, point, _| {
+            let nodes = &self.mesh.elements[element].nodes;
+            spread.fill(0.0);
+            for (node, gradient) in nodes.iter().zip(&point.gradient) {
+                let Some(number) = self.factor.free()[*node] else { continue };
+                for (axis, gradient) in gradient.iter().enumerate() {
+                    add_to(&mut spread, *gradient, &adjoints[(3 * number + axis) * rows..][..rows]);
+                }
+            }
+            let push = self.push(element) * point.volume;
+            for (node, value) in nodes.iter().zip(&point.value) {
+                add_to(&mut works[node * rows..][..rows], push * value, &spread);
+            }
+        });
+        works
     }
 
     /// Stress per kelvin where nothing can give way, MPa/K.
@@ -202,6 +215,20 @@ pub fn guideway_and_temperatures(
         rayon::join(adjoint, || temperatures_of_each(inputs))
     });
     Ok((adjoint?, rises))
+}
+
+/// The columns of a matrix so that what stands in one row lies together.
+fn side_by_side(columns: MatRef<'_, f64>) -> Vec<f64> {
+    let width = columns.ncols();
+    let mut rows = vec![0.0; columns.nrows() * width];
+    for (place, column) in columns.col_iter().enumerate() {
+        rows.iter_mut().skip(place).step_by(width).zip(column.iter()).for_each(|(to, from)| *to = *from);
+    }
+    rows
+}
+
+fn add_to(sums: &mut [f64], factor: f64, values: &[f64]) {
+    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += factor * value);
 }
 
 /// Adds what a point contributes to the stiffness between two nodes of its element.
