@@ -188,5 +188,5 @@ pub(crate) fn free_port() -> u16 {
         let tried = TRIED.fetch_add(1, Ordering::Relaxed);
         20_000 + u16::try_from(first.wrapping_add(tried) % 12_000).unwrap()
     });
-    ports.take(12_000).find(|port| TcpListener::bind(("127.0.0.1", *port)).is_ok()).expect("a free port")
+    ports.take(12_000).find(|port| TcpListener::bind(("127.0.0.1", *port)).is_ok()).unwrap()
 }
