@@ -6,6 +6,7 @@
 //! network.
 
 use nalgebra::{DMatrix, DVector};
+use pulp::Arch;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
@@ -56,7 +57,8 @@ impl Neurons {
     fn layer(&self, rises: &DMatrix<f64>) -> DMatrix<f64> {
         let mut layer = rises * self.first.transpose();
         for (mut column, bias) in layer.column_iter_mut().zip(self.bias.iter()) {
-            column.as_mut_slice().iter_mut().for_each(|sum| *sum = tanh(*sum + bias));
+            let sums = column.as_mut_slice();
+            Arch::new().dispatch(|| sums.iter_mut().for_each(|sum| *sum = tanh(*sum + bias)));
         }
         layer
     }
@@ -122,6 +124,7 @@ impl Neurons {
 /// tanh to a few 1e-16, without a branch or a call: a loop over it takes several at once. What is trained is mostly this.
 ///
 /// With e = exp(−2·|x|) it is (1 − e) / (1 + e); e is 2^k·exp(r), and of exp(r) the series does where |r| is at most ln 2 / 2.
+#[inline]
 pub(super) fn tanh(x: f64) -> f64 {
     /// Beyond it the answer is 1.
     const FLAT: f64 = 20.0;
@@ -162,11 +165,14 @@ impl Adam {
     /// `begun`: what share of their final weight both means have by now.
     fn step(&mut self, weights: &mut [f64], slopes: &[f64], begun: (f64, f64)) {
         let means = self.mean.iter_mut().zip(&mut self.square);
-        for ((weight, slope), (mean, square)) in weights.iter_mut().zip(slopes).zip(means) {
-            *mean = KEPT.0 * *mean + (1.0 - KEPT.0) * slope;
-            *square = KEPT.1 * *square + (1.0 - KEPT.1) * slope * slope;
-            *weight -= RATE * (*mean / begun.0) / ((*square / begun.1).sqrt() + 1e-8);
-        }
+        let all = weights.iter_mut().zip(slopes).zip(means);
+        Arch::new().dispatch(|| {
+            all.for_each(|((weight, slope), (mean, square))| {
+                *mean = KEPT.0 * *mean + (1.0 - KEPT.0) * slope;
+                *square = KEPT.1 * *square + (1.0 - KEPT.1) * slope * slope;
+                *weight -= RATE * (*mean / begun.0) / ((*square / begun.1).sqrt() + 1e-8);
+            });
+        });
     }
 }
 
