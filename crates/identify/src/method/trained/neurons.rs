@@ -87,7 +87,10 @@ impl Neurons {
             for place in begin..begin + neurons {
                 let weight = self.second[place];
                 let mut said = layer.column_mut(place);
-                said.zip_apply(&left, |said, left| *said = left * weight * (1.0 - *said * *said));
+                let both = said.as_mut_slice().iter_mut().zip(left.as_slice());
+                Arch::new().dispatch(|| {
+                    both.for_each(|(said, left)| *said = left * weight * (1.0 - *said * *said));
+                });
                 let at_rest = sum * weight * (1.0 - rest[place - begin] * rest[place - begin]);
                 bias[place] = (said.dot(&ones) - at_rest) * each;
             }
