@@ -37,31 +37,31 @@ pub fn temperatures(
     load: &LoadCase,
     progress: Progress<'_>,
 ) -> Result<Vec<f64>, HeatError> {
-    reached(mesh, materials, load, None, progress)
+    reached(&Heat::of(mesh, materials, load)?, load, progress)
 }
 
-/// The same of several load cases, at once. Where they are of one mesh, it is put in order once.
+/// The same of several load cases, at once. What they have in common of mesh and materials is put together once.
 pub fn temperatures_of_each(inputs: &[FeInput]) -> Vec<Result<Vec<f64>, HeatError>> {
-    let first = inputs.first().map(|first| (first, Heat::zero(&first.mesh, &held(&first.mesh, &first.load))));
+    let first = inputs.first().map(|first| (first, Conducts::of(&first.mesh, &first.materials, &first.load)));
     let one = |input: &FeInput| {
         let known = first.as_ref().filter(|(first, _)| {
-            let is_same = first.mesh.elements == input.mesh.elements && first.mesh.xyz == input.mesh.xyz;
-            is_same && held(&first.mesh, &first.load) == held(&input.mesh, &input.load)
+            first.mesh.elements == input.mesh.elements
+                && first.mesh.xyz == input.mesh.xyz
+                && first.materials == input.materials
+                && held(&first.mesh, &first.load) == held(&input.mesh, &input.load)
         });
-        let zero = known.map(|(_, zero)| zero.clone());
-        reached(&input.mesh, &input.materials, &input.load, zero, SILENT)
+        let FeInput { mesh, materials, load, .. } = input;
+        let conducts = match known {
+            Some((_, conducts)) => conducts.clone(),
+            None => Conducts::of(mesh, materials, load),
+        };
+        reached(&Heat::assembled(mesh, materials, load, conducts)?, load, SILENT)
     };
     inputs.par_iter().map(one).collect()
 }
 
-fn reached(
-    mesh: &Mesh,
-    materials: &Materials,
-    load: &LoadCase,
-    zero: Option<System<1>>,
-    progress: Progress<'_>,
-) -> Result<Vec<f64>, HeatError> {
-    let heat = Heat::assembled(mesh, materials, load, zero)?;
+/// What such heat brings each node to.
+fn reached(heat: &Heat, load: &LoadCase, progress: Progress<'_>) -> Result<Vec<f64>, HeatError> {
     let reached = match load.case {
         Case::Steady => heat.steady()?,
         Case::Transient { step, period } => heat.transient(&load.initial, step, period, progress)?,
@@ -79,6 +79,31 @@ fn held(mesh: &Mesh, load: &LoadCase) -> Vec<bool> {
 /// Couplings of a free node (by its number) with a held one (by its place).
 type Coupling = Vec<(usize, usize, f64)>;
 
+/// How a body conducts, without its films: mW/K.
+#[derive(Clone)]
+struct Conducts {
+    system: System<1>,
+    to_held: Coupling,
+}
+
+impl Conducts {
+    fn of(mesh: &Mesh, materials: &Materials, load: &LoadCase) -> Self {
+        let mut system = System::new(&Graph::of(mesh), &mesh.xyz, &held(mesh, load));
+        let mut to_held = Coupling::new();
+        for_each_element(mesh, |element, points| {
+            let conductivity = materials.of(element).conductivity;
+            let nodes = &mesh.elements[element].nodes;
+            for (a, node) in nodes.iter().enumerate() {
+                for (b, other) in nodes.iter().enumerate() {
+                    let flows = points.iter().map(|at| at.volume * dot(at.gradient[a], at.gradient[b]));
+                    add(&mut system, &mut to_held, *node, *other, conductivity * flows.sum::<f64>());
+                }
+            }
+        });
+        Self { system, to_held }
+    }
+}
+
 /// Conduction and capacity of a body, and what warms it.
 pub(super) struct Heat {
     /// Conduction and films, mW/K.
@@ -93,40 +118,27 @@ pub(super) struct Heat {
 }
 
 impl Heat {
-    /// Nothing conducts yet.
-    fn zero(mesh: &Mesh, is_held: &[bool]) -> System<1> {
-        System::new(&Graph::of(mesh), &mesh.xyz, is_held)
+    pub(super) fn of(mesh: &Mesh, materials: &Materials, load: &LoadCase) -> Result<Self, HeatError> {
+        Self::assembled(mesh, materials, load, Conducts::of(mesh, materials, load))
     }
 
-    /// Into `zero`, where that is known already.
-    pub(super) fn assembled(
+    /// A body that conducts so, with what the load case adds.
+    fn assembled(
         mesh: &Mesh,
         materials: &Materials,
         load: &LoadCase,
-        zero: Option<System<1>>,
+        conducts: Conducts,
     ) -> Result<Self, HeatError> {
-        let is_held = self::held(mesh, load);
         let mut held = vec![None; mesh.nodes.len()];
         load.held.iter().for_each(|(node, temperature)| held[*node] = Some(*temperature));
         if load.case == Case::Steady {
             anchored(mesh, load)?;
         }
-        let mut conduction = zero.unwrap_or_else(|| Heat::zero(mesh, &is_held));
+        let Conducts { system: mut conduction, mut to_held } = conducts;
         let capacity = match load.case {
             Case::Steady => None,
-            Case::Transient { .. } => Some(capacity(mesh, materials, conduction.clone())?),
+            Case::Transient { .. } => Some(capacity(mesh, materials, conduction.zeroed())?),
         };
-        let mut to_held = Coupling::new();
-        for_each_element(mesh, |element, points| {
-            let conductivity = materials.of(element).conductivity;
-            let nodes = &mesh.elements[element].nodes;
-            for (a, node) in nodes.iter().enumerate() {
-                for (b, other) in nodes.iter().enumerate() {
-                    let flows = points.iter().map(|at| at.volume * dot(at.gradient[a], at.gradient[b]));
-                    add(&mut conduction, &mut to_held, *node, *other, conductivity * flows.sum::<f64>());
-                }
-            }
-        });
         let mut enters = vec![0.0; conduction.size()];
         for film in &load.films {
             for_each_face_point(mesh, film.face, |nodes, value, area| {

@@ -81,7 +81,7 @@ impl Modes {
         }
         // Any transient case: capacity is needed, the steps are not.
         let load = LoadCase { case: Case::Transient { step: 1.0, period: 1.0 }, ..load.clone() };
-        let heat = Heat::assembled(&plant.mesh, &plant.materials, &load, None)?;
+        let heat = Heat::of(&plant.mesh, &plant.materials, &load)?;
         let capacity = heat.capacity.as_ref().ok_or(HeatError::Singular)?;
         let inputs = Inputs::of(plant, &heat.conduction)?;
         let uniform = vec![1.0; plant.mesh.nodes.len()];

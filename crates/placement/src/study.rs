@@ -4,14 +4,18 @@
 //! block's centre, or the mean of its nodes), *optimised* (the temperatures θg a method asks for), *read back* (those
 //! its sensors really have), and the *floor* (the best temperatures blocks can have: no sensor of theirs does better).
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::blocks::{Part, Reach, blocks};
 use crate::body::Progress;
+use crate::each::listening;
 use crate::mesh::{AXES, Mesh, count};
 use crate::methods::bounded::bounded;
 use crate::methods::multi_case::{Effort, Tolerance, multi_case, noise_um};
-use crate::methods::patent::{Round, patent};
+use crate::methods::patent::{Iterated, Round, patent};
 use crate::methods::{Method, central, nearest};
 use crate::problem::{Block, Load, Problem};
 use crate::structure::Adjoint;
@@ -19,7 +23,7 @@ use crate::structure::Adjoint;
 mod misplaced;
 mod sensor_counts;
 
-use sensor_counts::other_divisions;
+use sensor_counts::{other_divisions, other_divisions_at_most};
 
 /// By what sensors are placed and judged.
 #[derive(Clone, Debug)]
@@ -234,10 +238,28 @@ pub fn place(study: &Study, criteria: &Criteria, progress: Progress<'_>) -> Resu
     let blocks = blocks(mesh, &study.parts, &study.reach)?;
     let problem = Problem::new(blocks, p, loads, components);
     let all: Vec<usize> = (0..problem.targets.len()).collect();
-    let steps = all.len() + 2;
-    progress("sensors", 0, steps);
-    let together = multi_case(&problem, &all, *tolerance, Effort::FULL);
-    progress("sensors", 1, steps);
+    // None of them needs another one's answer.
+    let (together, (alone, divisions)) = listening(progress, |says| {
+        let (done, steps) = (AtomicUsize::new(0), 1 + all.len() + other_divisions_at_most(study));
+        let step = || says("sensors", done.fetch_add(1, Ordering::Relaxed) + 1, steps);
+        let of_all = || {
+            let together = multi_case(&problem, &all, *tolerance, Effort::FULL);
+            step();
+            together
+        };
+        let of_each = || {
+            let of_one = |case: &usize| {
+                let alone = OnOneCase::new(&problem, *case, *tolerance);
+                step();
+                alone
+            };
+            all.par_iter().map(of_one).collect::<Vec<OnOneCase>>()
+        };
+        says("sensors", 0, steps);
+        let others = rayon::join(of_all, || rayon::join(of_each, || other_divisions(study, criteria, &step)));
+        says("sensors", steps, steps);
+        others
+    });
     let central = central(&problem, &mesh.xyz);
     let sensors = |places: &[usize]| -> Vec<Sensor> {
         let each = problem.blocks.iter().zip(places);
@@ -245,7 +267,7 @@ pub fn place(study: &Study, criteria: &Criteria, progress: Progress<'_>) -> Resu
     };
     let mut cross = Vec::new();
     let mut cases = Vec::new();
-    for (case, target) in problem.targets.iter().enumerate() {
+    for ((case, target), alone) in problem.targets.iter().enumerate().zip(alone) {
         let residual = |theta: &[f64]| Residual {
             rms_um: problem.rms(target, theta),
             max_um: (problem.evaluate(theta) - &target.moved).amax(),
@@ -262,12 +284,8 @@ pub fn place(study: &Study, criteria: &Criteria, progress: Progress<'_>) -> Resu
             }
         };
         let naive: Vec<f64> = central.iter().map(|node| loads[case].rise[*node]).collect();
-        let floor = bounded(&problem, target);
-        let iterated = patent(&problem, target, tolerance.enough);
+        let OnOneCase { floor, iterated, left_out_rms_um } = alone;
         let (by_patent, by_bounded) = (nearest(target, &iterated.theta), nearest(target, &floor));
-        let others: Vec<usize> = all.iter().copied().filter(|other| *other != case).collect();
-        let left_out_rms_um = (!others.is_empty())
-            .then(|| problem.rms_of(target, &multi_case(&problem, &others, *tolerance, Effort::SHORT)));
         cases.push(CaseResult {
             name: target.name.clone(),
             delta1_mm: loads[case].moved_mm.clone(),
@@ -285,7 +303,6 @@ pub fn place(study: &Study, criteria: &Criteria, progress: Progress<'_>) -> Resu
         });
         cross.push((Method::Patent, Some(case), by_patent));
         cross.push((Method::Bounded, Some(case), by_bounded));
-        progress("sensors", case + 2, steps);
     }
     cross.push((Method::MultiCase, None, together));
     let by = (*method != Method::MultiCase).then(|| criteria.case.unwrap_or_else(|| moves_most(&cases)));
@@ -297,8 +314,7 @@ pub fn place(study: &Study, criteria: &Criteria, progress: Progress<'_>) -> Resu
     }
     let floors: Vec<f64> = cases.iter().map(|case| case.floor.rms_um).collect();
     let (rms_um, floor_um) = (root_mean_square(&problem.rms_of_each(&chosen)), root_mean_square(&floors));
-    let (best_cut, by_number) = other_divisions(study, criteria, rms_um, progress);
-    progress("sensors", steps, steps);
+    let (best_cut, by_number) = divisions.with_own(study.parts.len(), rms_um);
     let name = |case: &usize| cases[*case].name.clone();
     let centres = central.iter().zip(&problem.blocks);
     let cross_case = cross.iter().map(|(method, case, places)| CrossCase {
@@ -331,6 +347,27 @@ pub fn place(study: &Study, criteria: &Criteria, progress: Progress<'_>) -> Resu
     };
     placement.remarks = remarks(&placement);
     Ok(placement)
+}
+
+/// What is found on one case without the others, and what those leave of it.
+struct OnOneCase {
+    /// Block temperatures that leave least.
+    floor: Vec<f64>,
+    iterated: Iterated,
+    left_out_rms_um: Option<f64>,
+}
+
+impl OnOneCase {
+    fn new(problem: &Problem, case: usize, tolerance: Tolerance) -> OnOneCase {
+        let target = &problem.targets[case];
+        let others: Vec<usize> = (0..problem.targets.len()).filter(|other| *other != case).collect();
+        let left_out = || problem.rms_of(target, &multi_case(problem, &others, tolerance, Effort::SHORT));
+        OnOneCase {
+            floor: bounded(problem, target),
+            iterated: patent(problem, target, tolerance.enough),
+            left_out_rms_um: (!others.is_empty()).then(left_out),
+        }
+    }
 }
 
 /// Rows of a matrix given by its columns.

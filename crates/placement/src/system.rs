@@ -22,12 +22,14 @@ const SMALL: usize = 30_000;
 struct Pattern {
     /// Of each node of the mesh its number among the free ones.
     free: Vec<Option<usize>>,
-    /// Free nodes in the order of elimination.
-    order: Vec<usize>,
+    /// Rows of a right-hand side.
+    size: usize,
     /// Where the rows of each column begin.
     start: Vec<usize>,
     /// Rows of the entries, ascending in each column.
     rows: Vec<usize>,
+    /// In which order it is eliminated, and what that fills: the same for all values. None where it cannot be had.
+    symbolic: Option<Arc<SymbolicCholesky<usize>>>,
 }
 
 /// The lower half of a symmetric matrix, `WIDTH` rows and columns for each free node.
@@ -55,9 +57,11 @@ impl<const WIDTH: usize> System<WIDTH> {
                 start.push(rows.len());
             }
         }
-        let order = graph.order(xyz, nodes).into_iter().filter_map(|node| free[node]).collect();
+        let order: Vec<usize> = graph.order(xyz, nodes).into_iter().filter_map(|node| free[node]).collect();
+        let symbolic = eliminated::<WIDTH>(&order, &start, &rows).map(Arc::new);
         let values = vec![0.0; rows.len()];
-        Self { pattern: Arc::new(Pattern { free, order, start, rows }), values }
+        let size = WIDTH * order.len();
+        Self { pattern: Arc::new(Pattern { free, size, start, rows, symbolic }), values }
     }
 
     /// The number of a node of the mesh among the free ones.
@@ -84,7 +88,12 @@ impl<const WIDTH: usize> System<WIDTH> {
 
     /// Rows of a right-hand side.
     pub(super) fn size(&self) -> usize {
-        WIDTH * self.pattern.order.len()
+        self.pattern.size
+    }
+
+    /// Zeros in the same places.
+    pub(super) fn zeroed(&self) -> Self {
+        Self { pattern: Arc::clone(&self.pattern), values: vec![0.0; self.values.len()] }
     }
 
     /// This matrix plus a multiple of another one over the same nodes.
@@ -95,23 +104,11 @@ impl<const WIDTH: usize> System<WIDTH> {
 
     /// Factors the matrix; none where it is not positive definite.
     pub(super) fn factor(&self) -> Option<Factor<WIDTH>> {
-        let size = self.size();
-        let Pattern { order, start, rows, .. } = &*self.pattern;
-        let forward: Vec<usize> =
-            order.iter().flat_map(|node| (0..WIDTH).map(move |row| WIDTH * node + row)).collect();
-        let mut inverse = vec![0; size];
-        for (to, from) in forward.iter().enumerate() {
-            inverse[*from] = to;
-        }
-        let pattern = SymbolicSparseColMatRef::new_checked(size, size, start, None, rows);
-        let parameters = CholeskySymbolicParams {
-            supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-            ..CholeskySymbolicParams::default()
-        };
-        let order = SymmetricOrdering::Custom(PermRef::new_checked(&forward, &inverse, size));
-        let symbolic = factorize_symbolic_cholesky(pattern, Side::Lower, order, parameters).ok()?;
+        let Pattern { size, start, rows, symbolic, .. } = &*self.pattern;
+        let symbolic = symbolic.as_ref()?;
+        let pattern = SymbolicSparseColMatRef::new_checked(*size, *size, start, None, rows);
         let mut values = vec![0.0; symbolic.len_val()];
-        let parallel = if size > SMALL { Par::rayon(0) } else { Par::Seq };
+        let parallel = if *size > SMALL { Par::rayon(0) } else { Par::Seq };
         let mut memory =
             MemBuffer::new(symbolic.factorize_numeric_llt_scratch::<f64>(parallel, Default::default()));
         symbolic
@@ -125,8 +122,30 @@ impl<const WIDTH: usize> System<WIDTH> {
                 Default::default(),
             )
             .ok()?;
-        Some(Factor { pattern: Arc::clone(&self.pattern), symbolic, values })
+        Some(Factor { pattern: Arc::clone(&self.pattern), symbolic: Arc::clone(symbolic), values })
     }
+}
+
+/// What eliminating the free nodes in this order fills.
+fn eliminated<const WIDTH: usize>(
+    order: &[usize],
+    start: &[usize],
+    rows: &[usize],
+) -> Option<SymbolicCholesky<usize>> {
+    let forward: Vec<usize> =
+        order.iter().flat_map(|node| (0..WIDTH).map(move |row| WIDTH * node + row)).collect();
+    let size = forward.len();
+    let mut inverse = vec![0; size];
+    for (to, from) in forward.iter().enumerate() {
+        inverse[*from] = to;
+    }
+    let pattern = SymbolicSparseColMatRef::new_checked(size, size, start, None, rows);
+    let parameters = CholeskySymbolicParams {
+        supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
+        ..CholeskySymbolicParams::default()
+    };
+    let order = SymmetricOrdering::Custom(PermRef::new_checked(&forward, &inverse, size));
+    factorize_symbolic_cholesky(pattern, Side::Lower, order, parameters).ok()
 }
 
 impl System<1> {
@@ -152,7 +171,7 @@ impl System<1> {
 /// A factored system.
 pub(super) struct Factor<const WIDTH: usize> {
     pattern: Arc<Pattern>,
-    symbolic: SymbolicCholesky<usize>,
+    symbolic: Arc<SymbolicCholesky<usize>>,
     values: Vec<f64>,
 }
 

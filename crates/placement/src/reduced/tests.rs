@@ -38,7 +38,7 @@ fn step(plant: &FeInput, input: &str, modes: &Modes) -> LoadCase {
     load.fluxes = fluxes.map(|(flux, _)| *flux).collect();
     if modes.ports.contains_key(input) {
         let nodes = vec![0.0; plant.mesh.nodes.len()];
-        let system = Heat::assembled(&plant.mesh, &plant.materials, &load, None).unwrap().conduction;
+        let system = Heat::of(&plant.mesh, &plant.materials, &load).unwrap().conduction;
         let mut heat = nodes;
         add_fluxes(&plant.mesh, &load.fluxes, &system, &mut heat);
         let all: f64 = heat.iter().sum();

@@ -4,7 +4,6 @@ use rayon::prelude::*;
 
 use super::{Criteria, SensorCount, Study, root_mean_square, rows};
 use crate::blocks::{Part, Surveyed};
-use crate::body::Progress;
 use crate::divisions::{Division, Floors};
 use crate::methods::multi_case::{Effort, multi_case};
 use crate::problem::Problem;
@@ -12,14 +11,34 @@ use crate::problem::Problem;
 /// Blocks that are added for the curve over numbers.
 const MORE: usize = 4;
 
-/// The best further cut, and the error over the number of sensors; `rms_um` is what those that were placed leave.
-pub(super) fn other_divisions(
-    study: &Study,
-    criteria: &Criteria,
-    rms_um: f64,
-    progress: Progress<'_>,
-) -> (Option<(String, f64)>, Vec<SensorCount>) {
-    let Some(adjoint) = &study.adjoint else { return (None, Vec::new()) };
+/// What other divisions leave.
+#[derive(Default)]
+pub(super) struct Divisions {
+    best_cut: Option<(String, f64)>,
+    fewer: Vec<SensorCount>,
+    /// What the blocks themselves leave at best, µm RMS over all cases.
+    own_floor_um: Option<f64>,
+    more: Vec<SensorCount>,
+}
+
+impl Divisions {
+    /// The best further cut, and the error over the number of sensors; `rms_um` is what leave those that were placed, one in
+    /// each of the `own` blocks.
+    pub(super) fn with_own(self, own: usize, rms_um: f64) -> (Option<(String, f64)>, Vec<SensorCount>) {
+        let placed =
+            self.own_floor_um.map(|floor_um| SensorCount { sensors: own, floor_um, rms_um, cut: None });
+        (self.best_cut, self.fewer.into_iter().chain(placed).chain(self.more).collect())
+    }
+}
+
+/// So many are looked for, or fewer.
+pub(super) fn other_divisions_at_most(study: &Study) -> usize {
+    if study.adjoint.is_some() { study.parts.len().saturating_sub(1) + MORE } else { 0 }
+}
+
+/// Divisions into fewer blocks and into more; `step` hears of each.
+pub(super) fn other_divisions(study: &Study, criteria: &Criteria, step: &(dyn Fn() + Sync)) -> Divisions {
+    let Some(adjoint) = &study.adjoint else { return Divisions::default() };
     let floors = Floors::new(&study.mesh, adjoint, &study.loads, &criteria.components);
     let surveyed = Surveyed::new(&study.mesh, &study.reach);
     let usable = |parts: &[Part]| surveyed.blocks(parts).is_ok();
@@ -36,30 +55,31 @@ pub(super) fn other_divisions(
             cut: division.cut.as_ref().map(ToString::to_string),
         })
     };
-    let own = study.parts.len();
-    let all = own + MORE;
-    let mut fewer = Vec::new();
-    while let Some(joined) = {
-        let parts = fewer.last().map_or(&study.parts, |division: &Division| &division.parts);
-        floors.best_join(parts, &usable)
-    } {
-        progress("number of sensors", fewer.len(), all);
-        fewer.push(joined);
-    }
-    let mut more: Vec<Division> = Vec::new();
-    while more.len() < MORE {
-        progress("number of sensors", own + more.len(), all);
-        let parts = more.last().map_or(&study.parts, |division| &division.parts);
-        let Some(division) = floors.best_cut(parts, &usable) else { break };
-        more.push(division);
-    }
-    let best_cut = more.first().and_then(|first| Some((first.cut.as_ref()?.to_string(), first.floor_um)));
-    fewer.reverse();
     let count =
         |divisions: &[Division]| -> Vec<SensorCount> { divisions.par_iter().filter_map(counted).collect() };
-    // The blocks themselves, with the sensors that were looked for longest.
-    let placed = SensorCount { sensors: own, floor_um: floors.of(&study.parts), rms_um, cut: None };
-    let (fewer, more) = rayon::join(|| count(&fewer), || count(&more));
-    progress("number of sensors", all, all);
-    (best_cut, fewer.into_iter().chain([placed]).chain(more).collect())
+    let fewer = || {
+        let mut fewer: Vec<Division> = Vec::new();
+        while let Some(joined) = {
+            let parts = fewer.last().map_or(&study.parts, |division| &division.parts);
+            floors.best_join(parts, &usable)
+        } {
+            fewer.push(joined);
+            step();
+        }
+        fewer.reverse();
+        count(&fewer)
+    };
+    let more = || {
+        let mut more: Vec<Division> = Vec::new();
+        while more.len() < MORE {
+            let parts = more.last().map_or(&study.parts, |division| &division.parts);
+            let Some(division) = floors.best_cut(parts, &usable) else { break };
+            more.push(division);
+            step();
+        }
+        let best_cut = more.first().and_then(|first| Some((first.cut.as_ref()?.to_string(), first.floor_um)));
+        (best_cut, count(&more))
+    };
+    let (fewer, (best_cut, more)) = rayon::join(fewer, more);
+    Divisions { best_cut, fewer, own_floor_um: Some(floors.of(&study.parts)), more }
 }

@@ -5,6 +5,8 @@
 //! stopping by run. Then networks that begin elsewhere learn from all runs for that long, and their mean is one wider
 //! network.
 
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
 use nalgebra::{DMatrix, DVector};
 use pulp::Arch;
 use rand::{RngExt, SeedableRng};
@@ -55,7 +57,7 @@ impl Neurons {
 
     /// What each neuron says at each row.
     fn layer(&self, rises: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut layer = rises * self.first.transpose();
+        let mut layer = product(view(rises), view(&self.first).transpose());
         for (mut column, bias) in layer.column_iter_mut().zip(self.bias.iter()) {
             let sums = column.as_mut_slice();
             Arch::new().dispatch(|| sums.iter_mut().for_each(|sum| *sum = tanh(*sum + bias)));
@@ -96,8 +98,7 @@ impl Neurons {
             }
         }
         second += &self.second * DECAY;
-        // The matrix product has kernels for this processor, the transposed one has none.
-        let first = layer.transpose() * &samples.rises;
+        let first = product(view(&layer).transpose(), view(&samples.rises));
         (first * each + &self.first * DECAY, bias, second)
     }
 
@@ -124,6 +125,19 @@ impl Neurons {
     }
 }
 
+/// The product of two matrices. faer's kernels are twice as fast here as nalgebra's, which copies both first.
+fn product(one: MatRef<'_, f64>, other: MatRef<'_, f64>) -> DMatrix<f64> {
+    let (rows, columns) = (one.nrows(), other.ncols());
+    let mut product = DMatrix::zeros(rows, columns);
+    let to = MatMut::from_column_major_slice_mut(product.as_mut_slice(), rows, columns);
+    matmul(to, Accum::Replace, one, other, 1.0, Par::Seq);
+    product
+}
+
+fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
+    MatRef::from_column_major_slice(matrix.as_slice(), matrix.nrows(), matrix.ncols())
+}
+
 /// tanh to a few 1e-16, without a branch or a call: a loop over it takes several at once. What is trained is mostly this.
 ///
 /// With e = exp(−2·|x|) it is (1 − e) / (1 + e); e is 2^k·exp(r), and of exp(r) the series does where |r| is at most ln 2 / 2.
@@ -134,13 +148,13 @@ pub(super) fn tanh(x: f64) -> f64 {
     /// Added to a small number it leaves none of its fraction, and the number itself in the last bits.
     const WHOLE: f64 = 6_755_399_441_055_744.0;
     const LN_2: (f64, f64) = (6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10);
-    /// One over the factorials of 13 to 0.
+    /// One over the factorials of 0 to 13.
     const SERIES: [f64; 14] = {
         let mut shares = [1.0; 14];
-        let mut place = 13;
-        while place > 0 {
-            shares[place - 1] = shares[place] / (14 - place) as f64;
-            place -= 1;
+        let mut place = 1;
+        while place < 14 {
+            shares[place] = shares[place - 1] / place as f64;
+            place += 1;
         }
         shares
     };
@@ -149,7 +163,11 @@ pub(super) fn tanh(x: f64) -> f64 {
     let shifted = power * std::f64::consts::LOG2_E + WHOLE;
     let whole = shifted - WHOLE;
     let rest = power - whole * LN_2.0 - whole * LN_2.1;
-    let series = SERIES.iter().fold(0.0, |series, share| share + series * rest);
+    // Term by term each would wait for the one before: by pairs, fours and eights none does.
+    let (square, fourth) = (rest * rest, (rest * rest) * (rest * rest));
+    let two = |place: usize| SERIES[place] + SERIES[place + 1] * rest;
+    let four = |place: usize| two(place) + two(place + 2) * square;
+    let series = four(0) + (four(4) + (four(8) + two(12) * fourth) * fourth) * fourth;
     let exp = series * f64::from_bits(shifted.to_bits().wrapping_add(1023) << 52);
     ((1.0 - exp) / (1.0 + exp)).copysign(x)
 }
