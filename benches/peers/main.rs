@@ -17,14 +17,13 @@ use isotherm::clock::Clock;
 
 mod bare;
 mod devices;
+mod fleet;
 mod gateway;
 #[path = "../process/mod.rs"]
 mod process;
 
 use process::Process;
 
-/// Connections and the first decisions are not counted.
-const WARM_UP: Duration = Duration::from_secs(2);
 /// Turns that the contenders of the closed loop take: many and short ones, as a computer's mood changes within seconds.
 const TURNS: usize = 40;
 const TURN: Duration = Duration::from_millis(500);
@@ -75,73 +74,7 @@ fn compare(seconds: u64) {
     let span = Duration::from_secs(seconds);
     start(&own);
     closed_loops(&own, &loops, span.min(TURN));
-    println!(
-        "\n{:<44}{:>12}{:>12}{:>14}{:>12}",
-        "% of a core, MB", "limit in C", "libmodbus", "tokio-modbus", "isotherm"
-    );
-    let work = |devices, period_ms, reads_only| Work {
-        devices,
-        period: Duration::from_millis(period_ms),
-        reads_only,
-    };
-    // With an axis each; how many times the limit in C it may cost, what of a core or both, and how much memory. Computers differ by more
-    // than what is judged here, and one from itself within an hour: 14 % and 8 % were wanted where the limit took 4.0 and 3.8.
-    for (name, work, most) in [
-        ("100 devices, 10 Hz, read and write", work(100, 100, false), None),
-        ("300 devices", work(300, 100, false), None),
-        ("500 devices", work(500, 100, false), Some((Most::Times(3.5), 25.0))),
-        ("500 devices, read only", work(500, 100, true), Some((Most::Times(2.1), 25.0))),
-        ("1 device, 1 Hz", work(1, 1000, false), Some((Most::Percent(0.1), 8.0))),
-    ] {
-        let figures = [(&loops, "sockets"), (&loops, "threads"), (&own, "tasks"), (&own, "fleet")].map(
-            |(program, mode)| {
-                let mut devices = Devices::start(&own, 5);
-                let measured = contender(program, mode, devices.port, &work.words());
-                std::thread::sleep(WARM_UP);
-                let (before, woken, counted) = (measured.busy(), measured.wakes(), devices.counts());
-                let begun = Clock::wall().now();
-                std::thread::sleep(span);
-                let passed = Clock::wall().now().since(begun).as_secs_f64();
-                let (core, memory) = (100.0 * (measured.busy() - before) / passed, measured.memory_mb());
-                let wakes = (measured.wakes() - woken) as f64 / passed;
-                let Counts { reads, writes, .. } = devices.counts();
-                let wanted = f64::from(work.devices) * passed / work.period.as_secs_f64();
-                let done = (reads - counted.reads) as f64 / wanted;
-                (core, memory, wakes, done, (writes - counted.writes) as f64 / wanted)
-            },
-        );
-        let cell = |(core, memory, ..): (f64, f64, f64, f64, f64)| format!("{core:.2}, {memory:.1}");
-        let [limit, libmodbus, tokio_modbus, isotherm] = figures.map(cell);
-        println!("{name:<44}{limit:>12}{libmodbus:>12}{tokio_modbus:>14}{isotherm:>12}");
-        let shares =
-            figures.map(|(.., reads, writes)| format!("{:.1} and {:.1} %", 100.0 * reads, 100.0 * writes));
-        println!("{:<44}{}", "    reads and writes of those wanted", shares.join("; "));
-        let [limit, libmodbus, tokio_modbus, isotherm] =
-            figures.map(|(_, _, wakes, ..)| format!("{wakes:.1}"));
-        println!(
-            "{:<44}{limit:>12}{libmodbus:>12}{tokio_modbus:>14}{isotherm:>12}",
-            "    woken so often a second"
-        );
-        if let (Some((most, memory)), [(limit, ..), .., (found, takes, ..)]) = (most, figures) {
-            let reached = |is_reached| if is_reached { "reached" } else { "MISSED" };
-            let core = match most {
-                Most::Percent(most) => format!("at most {most} % of a core: {}", reached(found <= most)),
-                Most::Times(most) => {
-                    let times = found / limit;
-                    format!("at most {most} times the limit in C: {times:.2}, {}", reached(times <= most))
-                }
-            };
-            println!("    {core}; at most {memory} MB: {}", reached(takes <= memory));
-        }
-    }
-}
-
-/// What of a core it may take.
-#[derive(Clone, Copy)]
-enum Most {
-    Percent(f64),
-    /// So many times what the limit in C takes in the same run.
-    Times(f64),
+    fleet::fleets(&own, &loops, span);
 }
 
 /// From the start of the process to its first write, read and decided before.

@@ -13,16 +13,17 @@ use crate::blocks::{Part, Reach, blocks};
 use crate::body::Progress;
 use crate::each::listening;
 use crate::mesh::{AXES, Mesh, count};
-use crate::methods::bounded::bounded;
 use crate::methods::multi_case::{Effort, Tolerance, multi_case, noise_um};
-use crate::methods::patent::{Iterated, Round, patent};
+use crate::methods::patent::Round;
 use crate::methods::{Method, central, nearest};
 use crate::problem::{Block, Load, Problem};
 use crate::structure::Adjoint;
 
 mod misplaced;
+mod on_one_case;
 mod sensor_counts;
 
+use on_one_case::OnOneCase;
 use sensor_counts::{other_divisions, other_divisions_at_most};
 
 /// By what sensors are placed and judged.
@@ -347,27 +348,6 @@ pub fn place(study: &Study, criteria: &Criteria, progress: Progress<'_>) -> Resu
     };
     placement.remarks = remarks(&placement);
     Ok(placement)
-}
-
-/// What is found on one case without the others, and what those leave of it.
-struct OnOneCase {
-    /// Block temperatures that leave least.
-    floor: Vec<f64>,
-    iterated: Iterated,
-    left_out_rms_um: Option<f64>,
-}
-
-impl OnOneCase {
-    fn new(problem: &Problem, case: usize, tolerance: Tolerance) -> OnOneCase {
-        let target = &problem.targets[case];
-        let others: Vec<usize> = (0..problem.targets.len()).filter(|other| *other != case).collect();
-        let left_out = || problem.rms_of(target, &multi_case(problem, &others, tolerance, Effort::SHORT));
-        OnOneCase {
-            floor: bounded(problem, target),
-            iterated: patent(problem, target, tolerance.enough),
-            left_out_rms_um: (!others.is_empty()).then(left_out),
-        }
-    }
 }
 
 /// Rows of a matrix given by its columns.

@@ -1,0 +1,116 @@
+//! Many devices, each on a connection of its own: what of a core the contenders take, and how much memory.
+
+use std::path::Path;
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+
+use super::{Counts, Devices, Work, contender};
+
+/// Connections and the first decisions are not counted, nor the memory that reading a profile needed.
+const WARM_UP: Duration = Duration::from_secs(5);
+/// Turns that the contenders take, as a computer's mood changes from minute to minute; each half as long as a measurement.
+const TURNS: usize = 3;
+
+/// What of a core it may take.
+enum Most {
+    Percent(f64),
+    /// So many times what the limit in C takes in the same turns.
+    Times(f64),
+}
+
+/// What a contender took in one turn.
+struct Turn {
+    percent: f64,
+    memory_mb: f64,
+    wakes: f64,
+    /// Of those wanted.
+    reads: f64,
+    writes: f64,
+}
+
+/// With an axis each; how many times the limit in C it may cost, what of a core or both, and how much memory. Computers differ by more
+/// than what is judged here, and one from itself within an hour: 14 % and 8 % were wanted where the limit took 4.0 and 3.8.
+pub(super) fn fleets(own: &Path, loops: &Path, span: Duration) {
+    println!(
+        "\n{:<44}{:>12}{:>12}{:>14}{:>12}",
+        "% of a core, MB", "limit in C", "libmodbus", "tokio-modbus", "isotherm"
+    );
+    let work = |devices, period_ms, reads_only| Work {
+        devices,
+        period: Duration::from_millis(period_ms),
+        reads_only,
+    };
+    for (name, work, most) in [
+        ("100 devices, 10 Hz, read and write", work(100, 100, false), None),
+        ("300 devices", work(300, 100, false), None),
+        ("500 devices", work(500, 100, false), Some((Most::Times(3.5), 25.0))),
+        ("500 devices, read only", work(500, 100, true), Some((Most::Times(2.1), 25.0))),
+        ("1 device, 1 Hz", work(1, 1000, false), Some((Most::Percent(0.1), 8.0))),
+    ] {
+        let contenders = [(loops, "sockets"), (loops, "threads"), (own, "tasks"), (own, "fleet")];
+        let mut turns = contenders.map(|_| Vec::new());
+        for _ in 0..TURNS {
+            for ((program, mode), turns) in contenders.iter().zip(&mut turns) {
+                turns.push(turn(own, (*program, *mode), &work, span / 2));
+            }
+        }
+        say(name, &turns, most);
+    }
+}
+
+fn turn(own: &Path, (program, mode): (&Path, &str), work: &Work, span: Duration) -> Turn {
+    let mut devices = Devices::start(own, 5);
+    let measured = contender(program, mode, devices.port, &work.words());
+    std::thread::sleep(WARM_UP);
+    let (before, woken, counted) = (measured.busy(), measured.wakes(), devices.counts());
+    let begun = Clock::wall().now();
+    std::thread::sleep(span);
+    let passed = Clock::wall().now().since(begun).as_secs_f64();
+    let percent = 100.0 * (measured.busy() - before) / passed;
+    let wakes = (measured.wakes() - woken) as f64 / passed;
+    let Counts { reads, writes, .. } = devices.counts();
+    let wanted = f64::from(work.devices) * passed / work.period.as_secs_f64();
+    Turn {
+        percent,
+        memory_mb: measured.memory_mb(),
+        wakes,
+        reads: (reads - counted.reads) as f64 / wanted,
+        writes: (writes - counted.writes) as f64 / wanted,
+    }
+}
+
+fn say(name: &str, turns: &[Vec<Turn>; 4], most: Option<(Most, f64)>) {
+    let each = |of: fn(&Turn) -> f64| turns.each_ref().map(|turns| median(turns.iter().map(of)));
+    let (percent, memory) = (each(|turn| turn.percent), each(|turn| turn.memory_mb));
+    let cells = [0, 1, 2, 3].map(|place| format!("{:.2}, {:.1}", percent[place], memory[place]));
+    line(name, cells);
+    let shares = each(|turn| 100.0 * turn.reads).into_iter().zip(each(|turn| 100.0 * turn.writes));
+    let shares: Vec<String> = shares.map(|(reads, writes)| format!("{reads:.1} and {writes:.1} %")).collect();
+    println!("{:<44}{}", "    reads and writes of those wanted", shares.join("; "));
+    line("    woken so often a second", each(|turn| turn.wakes).map(|wakes| format!("{wakes:.1}")));
+    let Some((most, most_memory)) = most else { return };
+    let reached = |is_reached| if is_reached { "reached" } else { "MISSED" };
+    let [limit, .., isotherm] = turns;
+    let core = match most {
+        Most::Percent(most) => {
+            format!("at most {most} % of a core: {}", reached(percent[3] <= most))
+        }
+        Most::Times(most) => {
+            // Of the limit's own turn just before.
+            let times = median(isotherm.iter().zip(limit).map(|(own, limit)| own.percent / limit.percent));
+            format!("at most {most} times the limit in C: {times:.2}, {}", reached(times <= most))
+        }
+    };
+    println!("    {core}; at most {most_memory} MB: {}", reached(memory[3] <= most_memory));
+}
+
+fn line(what: &str, [limit, libmodbus, tokio_modbus, isotherm]: [String; 4]) {
+    println!("{what:<44}{limit:>12}{libmodbus:>12}{tokio_modbus:>14}{isotherm:>12}");
+}
+
+fn median(figures: impl Iterator<Item = f64>) -> f64 {
+    let mut figures: Vec<f64> = figures.collect();
+    figures.sort_by(f64::total_cmp);
+    figures[figures.len() / 2]
+}
