@@ -22,7 +22,7 @@ pub(super) struct Divisions {
 }
 
 impl Divisions {
-    /// The best further cut, and the error over the number of sensors; `rms_um` is what leave those that were placed, one in
+    /// The best further cut, and the error over the number of sensors; `rms_um` is what those leave that were placed, one in
     /// each of the `own` blocks.
     pub(super) fn with_own(self, own: usize, rms_um: f64) -> (Option<(String, f64)>, Vec<SensorCount>) {
         let placed =
