@@ -85,7 +85,7 @@ fn server(changing: bool) -> (Process, u16) {
     let target = Path::new(PROGRAM).parent().unwrap().parent().unwrap();
     let port = free();
     let mut command = Command::new(target.join("tools/venv/bin/python"));
-    command.arg(here.join("tests/opcua/server.py")).args(["--port", &port.to_string()]);
+    command.arg(here.join("tests/interop/opcua_server.py")).args(["--port", &port.to_string()]);
     command.args(["--many", &VALUES.to_string()]);
     if changing {
         command.arg("--changing");

@@ -22,7 +22,7 @@ use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::{Reading, SignalId};
 
 #[cfg(feature = "onnx")]
-#[path = "../tests/onnx/encode.rs"]
+#[path = "../tests/support/encode.rs"]
 mod onnx;
 
 fn decode(criterion: &mut Criterion) {

@@ -4,6 +4,7 @@ use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use clap::error::{ContextKind, ContextValue};
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
 
@@ -205,9 +206,28 @@ impl Arguments {
     }
 }
 
+/// The feature that builds in each verb that some builds lack.
+const FEATURE_OF_VERB: [(&str, &str); 6] = [
+    ("identify", "identify"),
+    ("select", "identify"),
+    ("report", "identify"),
+    ("place", "place"),
+    ("export", "parquet"),
+    ("opcua", "opcua"),
+];
+
 /// What is wrong with the arguments, quoting them so that nothing in them steers a terminal or begins a line.
 #[must_use]
 pub fn escaped(refused: clap::Error) -> clap::Error {
+    if let Some(ContextValue::String(verb)) = refused.get(ContextKind::InvalidSubcommand)
+        && let Some((verb, feature)) = FEATURE_OF_VERB.iter().find(|(name, _)| name == verb)
+    {
+        let message = format!(
+            "this program was built without the verb `{verb}`\n\n  help: take a packaged program, or build it in: \
+             `cargo build --release --features {feature}`\n"
+        );
+        return clap::Error::raw(refused.kind(), message).format(&mut Arguments::command());
+    }
     let shown = std::env::args_os().map(|argument| one_line(&argument.to_string_lossy()).into_owned());
     Arguments::try_parse_from(shown).err().unwrap_or(refused)
 }
@@ -289,14 +309,13 @@ const SILENT: &str = "opcua_client=off,opcua_core=off,opcua_crypto=off,opcua_typ
 /// Starts the log on stderr, in the journal's form where that is the journal. A thread of its own writes it, so that nobody
 /// waits for a reader who does not read; what it has not written is written when the guard is dropped.
 fn start_log(filter: &str) -> WorkerGuard {
-    use tracing_subscriber::EnvFilter;
     use tracing_subscriber::field::MakeExt;
-    use tracing_subscriber::filter::FilterExt;
+    use tracing_subscriber::filter::{FilterExt, Targets};
     use tracing_subscriber::fmt::format::debug_fn;
     use tracing_subscriber::layer::{Layer, SubscriberExt};
     use tracing_subscriber::util::SubscriberInitExt;
-    let filter = EnvFilter::try_new(format!("{filter},{SILENT}"))
-        .unwrap_or_else(|_| EnvFilter::new(format!("info,{SILENT}")));
+    let targets = |filter: &str| format!("{filter},{SILENT}").parse::<Targets>();
+    let filter = targets(filter).or_else(|_| targets("info")).unwrap_or_default();
     let (writer, guard) =
         NonBlockingBuilder::default().buffered_lines_limit(UNREAD).finish(std::io::stderr());
     // What others wrote ends no line and steers no terminal. Any other value than the sentence is quoted.

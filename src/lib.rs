@@ -14,7 +14,7 @@
 //! - [`virtual_machine`] — the hardware that is not there: devices, plants and faults by script.
 //! - [`cli`] — the verbs, one small file each.
 //!
-//! Further left knows nothing of further right; `tests/house.rs` holds what Cargo cannot:
+//! Further left knows nothing of further right; `tests/rules/main.rs` holds what Cargo cannot:
 //!
 //! ```text
 //! clock ← fieldbus ← gateway ← cli        clock, fieldbus's socket of CAN and faults ← virtual_machine ← cli

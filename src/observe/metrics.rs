@@ -3,8 +3,8 @@
 //! What is not known has no line: no NaN, no zero that only looks like a value. Lengths are in meters, as Prometheus wants base
 //! units; what can be counted stands from the first on, so that its first time is an increase.
 
-use metrics::{Label, counter, describe_counter, describe_gauge, gauge, with_local_recorder};
-use metrics_exporter_prometheus::PrometheusBuilder;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
 
 use super::events::{Alarm, Level};
 use super::status::{AxisStatus, BusStatus, DeviceStatus, OutputStatus, ProbeStatus, SignalStatus, Status};
@@ -67,152 +67,176 @@ const COUNTERS: [(&str, &str); 11] = [
     ("isotherm_log_dropped_total", "Rows and states lost because the queue to the disk was full."),
 ];
 
-/// `refused` is how often whom the page turned away, by why.
+/// Text in Prometheus' exposition format 0.0.4. `refused` counts the requests that the page turned away, by reason.
 pub(super) fn exposition(status: &Status, refused: &[(&'static str, u64)]) -> String {
-    let recorder = PrometheusBuilder::new().build_recorder();
-    with_local_recorder(&recorder, || {
-        GAUGES.into_iter().for_each(|(name, help)| describe_gauge!(name, help));
-        COUNTERS.into_iter().for_each(|(name, help)| describe_counter!(name, help));
-        record(status);
-        for (why, count) in refused {
-            counter!("isotherm_refused_total", labels(&status.machine, &[("why", why)])).absolute(*count);
-        }
-    });
-    let mut text = recorder.handle().render();
+    let mut samples = Samples::default();
+    record(status, &mut samples);
+    for (why, count) in refused {
+        samples.count("isotherm_refused_total", &labels(&status.machine, &[("why", why)]), *count);
+    }
+    let mut text = samples.text();
     write_jitter(&mut text, status);
     write_lock(&mut text, status);
     text
 }
 
-fn record(status: &Status) {
+/// Samples by the name of their metric, each as its line: labels and value.
+#[derive(Default)]
+struct Samples(BTreeMap<&'static str, String>);
+
+impl Samples {
+    /// Adds a gauge. A value that is not known or not finite has no line.
+    fn set(&mut self, name: &'static str, labels: &str, value: Option<f64>) {
+        if let Some(value) = value.filter(|value| value.is_finite()) {
+            self.add(name, labels, &value);
+        }
+    }
+
+    fn count(&mut self, name: &'static str, labels: &str, value: u64) {
+        self.add(name, labels, &value);
+    }
+
+    fn add(&mut self, name: &'static str, labels: &str, value: &dyn std::fmt::Display) {
+        let lines = self.0.entry(name).or_default();
+        // Writing into a string does not fail.
+        let _ = writeln!(lines, "{name}{{{labels}}} {value}");
+    }
+
+    fn text(self) -> String {
+        let mut text = String::new();
+        let gauges = GAUGES.iter().map(|named| (named, "gauge"));
+        let counters = COUNTERS.iter().map(|named| (named, "counter"));
+        for ((name, help), kind) in gauges.chain(counters) {
+            if let Some(lines) = self.0.get(name) {
+                head(&mut text, name, help, kind);
+                text.push_str(lines);
+            }
+        }
+        text
+    }
+}
+
+fn record(status: &Status, samples: &mut Samples) {
     let of = |more: &[(&'static str, &str)]| labels(&status.machine, more);
     let is_synchronised = match status.clock {
         "synchronised" => Some(1.0),
         "not synchronised" => Some(0.0),
         _ => None,
     };
-    if let Some(is_synchronised) = is_synchronised {
-        gauge!("isotherm_clock_synchronised", of(&[])).set(is_synchronised);
-    }
-    gauge!("isotherm_build_info", of(&[("version", status.version)])).set(1.0);
+    samples.set("isotherm_clock_synchronised", &of(&[]), is_synchronised);
+    samples.set("isotherm_build_info", &of(&[("version", status.version)]), Some(1.0));
     for (kind, count) in &status.event_counts {
-        counter!("isotherm_events_total", of(&[("kind", kind)])).absolute(*count);
+        samples.count("isotherm_events_total", &of(&[("kind", kind)]), *count);
     }
-    counter!("isotherm_log_dropped_total", of(&[])).absolute(status.log_dropped);
-    record_alarms(&status.alarms, &of);
-    status.axes.iter().for_each(|axis| record_axis(axis, &of));
-    status.signals.iter().for_each(|signal| record_signal(signal, &of));
-    status.devices.iter().for_each(|device| record_device(device, &of));
-    status.buses.iter().for_each(|bus| record_bus(bus, &of));
-    status.outputs.iter().for_each(|output| record_output(output, &of));
+    samples.count("isotherm_log_dropped_total", &of(&[]), status.log_dropped);
+    record_alarms(&status.alarms, &of, samples);
+    status.axes.iter().for_each(|axis| record_axis(axis, &of, samples));
+    status.signals.iter().for_each(|signal| record_signal(signal, &of, samples));
+    status.devices.iter().for_each(|device| record_device(device, &of, samples));
+    status.buses.iter().for_each(|bus| record_bus(bus, &of, samples));
+    status.outputs.iter().for_each(|output| record_output(output, &of, samples));
     if let Some(mqtt) = &status.mqtt {
-        set("isotherm_mqtt_connected", &of(&[]), Some(flag(mqtt.connected)));
-        gauge!("isotherm_mqtt_queued_messages", of(&[]))
-            .set(u32::try_from(mqtt.queued).map_or(f64::MAX, f64::from));
-        counter!("isotherm_mqtt_published_total", of(&[])).absolute(mqtt.published);
-        counter!("isotherm_mqtt_dropped_total", of(&[])).absolute(mqtt.dropped);
-        counter!("isotherm_mqtt_connections_total", of(&[])).absolute(mqtt.connections);
+        samples.set("isotherm_mqtt_connected", &of(&[]), Some(flag(mqtt.connected)));
+        samples.set("isotherm_mqtt_queued_messages", &of(&[]), Some(u32::try_from(mqtt.queued).map_or(f64::MAX, f64::from)));
+        samples.count("isotherm_mqtt_published_total", &of(&[]), mqtt.published);
+        samples.count("isotherm_mqtt_dropped_total", &of(&[]), mqtt.dropped);
+        samples.count("isotherm_mqtt_connections_total", &of(&[]), mqtt.connections);
     }
 }
 
-type Labels<'a> = &'a dyn Fn(&[(&'static str, &str)]) -> Vec<Label>;
+/// The labels of a sample: the machine, and what is named here.
+type Labels<'a> = &'a dyn Fn(&[(&'static str, &str)]) -> String;
 
-fn record_alarms(alarms: &[Alarm], of: Labels<'_>) {
+fn record_alarms(alarms: &[Alarm], of: Labels<'_>, samples: &mut Samples) {
     for (level, name) in [(Level::Warning, "warning"), (Level::Error, "error")] {
         for (seen, word) in [(false, "no"), (true, "yes")] {
             let is_one = |alarm: &&Alarm| alarm.level == level && alarm.acknowledged.is_some() == seen;
             let named = of(&[("level", name), ("acknowledged", word)]);
-            set("isotherm_alarms", &named, Some(count(alarms.iter().filter(is_one).count())));
+            samples.set("isotherm_alarms", &named, Some(count(alarms.iter().filter(is_one).count())));
         }
     }
 }
 
-fn record_axis(axis: &AxisStatus, of: Labels<'_>) {
+fn record_axis(axis: &AxisStatus, of: Labels<'_>, samples: &mut Samples) {
     let named = of(&[("axis", &axis.name)]);
-    set("isotherm_axis_cz_meters", &named, Some(meters(axis.cz_um)));
-    set("isotherm_axis_raw_meters", &named, axis.raw_um.map(meters));
-    set("isotherm_axis_expected_meters", &named, axis.expected_um.map(meters));
-    set("isotherm_axis_armed", &named, Some(flag(axis.armed)));
-    set("isotherm_axis_wanted", &named, Some(flag(axis.is_wanted())));
+    samples.set("isotherm_axis_cz_meters", &named, Some(meters(axis.cz_um)));
+    samples.set("isotherm_axis_raw_meters", &named, axis.raw_um.map(meters));
+    samples.set("isotherm_axis_expected_meters", &named, axis.expected_um.map(meters));
+    samples.set("isotherm_axis_armed", &named, Some(flag(axis.armed)));
+    samples.set("isotherm_axis_wanted", &named, Some(flag(axis.is_wanted())));
     if let Some(probe) = &axis.probe {
-        record_probe(axis, probe, of);
+        record_probe(axis, probe, of, samples);
     }
-    set("isotherm_axis_limit_meters", &named, Some(meters(axis.limit_um)));
-    set("isotherm_axis_warned", &named, axis.warn_um.map(|_| flag(axis.warned)));
-    set("isotherm_axis_tripped", &named, axis.error_um.map(|_| flag(axis.tripped)));
-    set("isotherm_axis_extrapolating", &named, axis.excess.map(|_| flag(axis.extrapolating.is_some())));
-    set("isotherm_axis_excess_ratio", &named, axis.excess);
+    samples.set("isotherm_axis_limit_meters", &named, Some(meters(axis.limit_um)));
+    samples.set("isotherm_axis_warned", &named, axis.warn_um.map(|_| flag(axis.warned)));
+    samples.set("isotherm_axis_tripped", &named, axis.error_um.map(|_| flag(axis.tripped)));
+    samples.set("isotherm_axis_extrapolating", &named, axis.excess.map(|_| flag(axis.extrapolating.is_some())));
+    samples.set("isotherm_axis_excess_ratio", &named, axis.excess);
     for state in AxisState::NAMES.into_iter().chain(["waiting"]) {
         let named = of(&[("axis", &axis.name), ("state", state)]);
-        set("isotherm_axis_state", &named, Some(flag(axis.state == state)));
+        samples.set("isotherm_axis_state", &named, Some(flag(axis.state == state)));
     }
     for (_, stage) in Stages::ALL {
         let named = of(&[("axis", &axis.name), ("stage", stage)]);
-        set("isotherm_guard_acting", &named, Some(flag(axis.acted.contains(&stage))));
+        samples.set("isotherm_guard_acting", &named, Some(flag(axis.acted.contains(&stage))));
     }
 }
 
-fn record_probe(axis: &AxisStatus, probe: &ProbeStatus, of: Labels<'_>) {
+fn record_probe(axis: &AxisStatus, probe: &ProbeStatus, of: Labels<'_>, samples: &mut Samples) {
     let named = of(&[("axis", &axis.name)]);
     let residuals = || probe.history.iter().map(|(_, residual)| *residual);
     let number = count(probe.history.len());
     let rms = (number > 0.0).then(|| (residuals().map(|um| um * um).sum::<f64>() / number).sqrt());
-    set("isotherm_probe_correction_meters", &named, Some(meters(probe.correction_um)));
-    set("isotherm_probe_residual_meters", &named, residuals().next_back().map(meters));
-    set("isotherm_probe_residual_rms_meters", &named, rms.map(meters));
-    set("isotherm_probe_residuals", &named, Some(number));
-    set("isotherm_probe_warn_meters", &named, probe.warn_um.map(meters));
+    samples.set("isotherm_probe_correction_meters", &named, Some(meters(probe.correction_um)));
+    samples.set("isotherm_probe_residual_meters", &named, residuals().next_back().map(meters));
+    samples.set("isotherm_probe_residual_rms_meters", &named, rms.map(meters));
+    samples.set("isotherm_probe_residuals", &named, Some(number));
+    samples.set("isotherm_probe_warn_meters", &named, probe.warn_um.map(meters));
     for (place, gain) in probe.gains.iter().enumerate() {
         let term = place.to_string();
         let labels =
             [("axis", axis.name.as_str()), ("model", &gain.model), ("signal", &gain.signal), ("term", &term)];
-        set("isotherm_probe_gain_change", &of(&labels), Some(gain.change));
+        samples.set("isotherm_probe_gain_change", &of(&labels), Some(gain.change));
     }
 }
 
-fn record_signal(signal: &SignalStatus, of: Labels<'_>) {
+fn record_signal(signal: &SignalStatus, of: Labels<'_>, samples: &mut Samples) {
     let named = of(&[("signal", &signal.name)]);
-    set("isotherm_signal_value", &of(&[("signal", &signal.name), ("unit", signal.unit)]), signal.value);
-    set("isotherm_signal_good", &named, Some(flag(signal.quality == "good")));
-    set("isotherm_signal_age_seconds", &named, signal.age_s);
+    samples.set("isotherm_signal_value", &of(&[("signal", &signal.name), ("unit", signal.unit)]), signal.value);
+    samples.set("isotherm_signal_good", &named, Some(flag(signal.quality == "good")));
+    samples.set("isotherm_signal_age_seconds", &named, signal.age_s);
 }
 
-fn record_device(device: &DeviceStatus, of: Labels<'_>) {
+fn record_device(device: &DeviceStatus, of: Labels<'_>, samples: &mut Samples) {
     let named = of(&[("device", &device.name), ("bus", &device.bus)]);
-    set("isotherm_device_up", &named, Some(flag(device.state == "ok")));
-    counter!("isotherm_device_requests_total", named).absolute(device.requests);
+    samples.set("isotherm_device_up", &named, Some(flag(device.state == "ok")));
+    samples.count("isotherm_device_requests_total", &named, device.requests);
     for blame in DeviceStatus::BLAMES {
         let named = of(&[("device", &device.name), ("bus", &device.bus), ("blame", blame)]);
         let count = device.failures.get(blame).copied().unwrap_or_default();
-        counter!("isotherm_device_failures_total", named).absolute(count);
+        samples.count("isotherm_device_failures_total", &named, count);
     }
 }
 
-fn record_bus(bus: &BusStatus, of: Labels<'_>) {
+fn record_bus(bus: &BusStatus, of: Labels<'_>, samples: &mut Samples) {
     let named = of(&[("bus", &bus.name)]);
-    set("isotherm_bus_connected", &named, Some(flag(bus.connected)));
-    counter!("isotherm_bus_cycles_total", named.clone()).absolute(bus.cycles);
-    counter!("isotherm_bus_overruns_total", named).absolute(bus.overruns);
+    samples.set("isotherm_bus_connected", &named, Some(flag(bus.connected)));
+    samples.count("isotherm_bus_cycles_total", &named, bus.cycles);
+    samples.count("isotherm_bus_overruns_total", &named, bus.overruns);
 }
 
-fn record_output(output: &OutputStatus, of: Labels<'_>) {
+fn record_output(output: &OutputStatus, of: Labels<'_>, samples: &mut Samples) {
     let named = of(&[("output", &output.name), ("axis", &output.axis)]);
     let unit = output.unit();
-    set("isotherm_output_verified", &named, Some(flag(output.state == "verified")));
-    counter!("isotherm_output_writes_total", named).absolute(output.writes_done);
+    samples.set("isotherm_output_verified", &named, Some(flag(output.state == "verified")));
+    samples.count("isotherm_output_writes_total", &named, output.writes_done);
     for state in OutputStatus::STATES {
         let named = of(&[("output", &output.name), ("axis", &output.axis), ("state", state)]);
-        set("isotherm_output_state", &named, Some(flag(output.state == state)));
+        samples.set("isotherm_output_state", &named, Some(flag(output.state == state)));
     }
     let named = of(&[("output", &output.name), ("axis", &output.axis), ("unit", unit)]);
-    set("isotherm_output_value", &named, output.value);
-    set("isotherm_output_late_write_wait_seconds", &named, output.waits_s);
-}
-
-fn set(name: &'static str, labels: &[Label], value: Option<f64>) {
-    if let Some(value) = value.filter(|value| value.is_finite()) {
-        gauge!(name, labels.to_vec()).set(value);
-    }
+    samples.set("isotherm_output_value", &named, output.value);
+    samples.set("isotherm_output_late_write_wait_seconds", &named, output.waits_s);
 }
 
 fn meters(um: f64) -> f64 {
@@ -227,23 +251,24 @@ fn flag(is: bool) -> f64 {
     f64::from(u8::from(is))
 }
 
-/// The exporter takes a backslash for the start of an escape and keeps a pair as one: written twice, it stays.
-fn labels(machine: &str, more: &[(&'static str, &str)]) -> Vec<Label> {
-    let label = |name, value: &str| Label::new(name, value.replace('\\', "\\\\"));
-    let machine = std::iter::once(label("machine", machine));
-    machine.chain(more.iter().map(|(name, value)| label(name, value))).collect()
+fn labels(machine: &str, more: &[(&'static str, &str)]) -> String {
+    let mut text = format!("machine=\"{}\"", escaped(machine));
+    for (name, value) in more {
+        // Writing into a string does not fail.
+        let _ = write!(text, ",{name}=\"{}\"", escaped(value));
+    }
+    text
 }
 
-/// By hand, because the exporter's histograms take single observations and the counts are ready. There is no
-/// `_sum`: how late each cycle was is not kept.
+/// Writes the jitter of each bus. There is no `_sum`, because the gateway keeps counts and not single delays.
 fn write_jitter(text: &mut String, status: &Status) {
     const NAME: &str = "isotherm_bus_jitter_seconds";
     if status.buses.is_empty() {
         return;
     }
-    head(text, NAME, "How late cycles began.");
+    head(text, NAME, "How late cycles began.", "histogram");
     for bus in &status.buses {
-        let named = format!("machine=\"{}\",bus=\"{}\"", escaped(&status.machine), escaped(&bus.name));
+        let named = labels(&status.machine, &[("bus", &bus.name)]);
         let buckets = bus.jitter_ms.iter().map(|(bound_ms, count)| (bound_ms / 1000.0, *count));
         write_buckets(text, NAME, &named, buckets);
     }
@@ -258,13 +283,16 @@ fn write_lock(text: &mut String, status: &Status) {
         text,
         NAME,
         "How long the state that the lines share was locked; one lock of seventeen is measured.",
+        "histogram",
     );
-    let named = format!("machine=\"{}\"", escaped(&status.machine));
+    let named = labels(&status.machine, &[]);
     write_buckets(text, NAME, &named, status.lock_held.iter().copied());
 }
 
-fn head(text: &mut String, name: &str, help: &str) {
-    text.push_str(&format!("# HELP {name} {help}\n# TYPE {name} histogram\n"));
+fn head(text: &mut String, name: &str, help: &str, kind: &str) {
+    text.push_str(&format!("# HELP {name} {help}
+# TYPE {name} {kind}
+"));
 }
 
 /// Each bucket's upper bound in seconds, and how often it was met and none before.

@@ -116,7 +116,7 @@ what_the_manual_says_makes_a_gateway_of_a_profile() {
     rm -f "$job/etc"/*
     mkdir -p "$job/shop" && ln -sfn "$PWD/docker" "$job/shop/docker" && cp profiles/parts-vmc.toml "$job/shop/my-machine.toml"
     local command commands found=0
-    mapfile -t commands < <(tests/manual/commands docs/installing.md tests/container/run | grep -v docker/build)
+    mapfile -t commands < <(tests/verbs/manual/commands docs/installing.md tests/container/run | grep -v docker/build)
     for command in "${commands[@]}"; do
         case $command in *' exec '*) works 60 "$command" ;; *) works 0 "$command" ;; esac || { found=1; break; }
     done

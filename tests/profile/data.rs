@@ -7,7 +7,7 @@ use isotherm_profile::preview::Preview;
 use super::*;
 
 #[cfg(feature = "onnx")]
-#[path = "../onnx/encode.rs"]
+#[path = "../support/encode.rs"]
 mod encode;
 
 pub(super) type File<'a> = (&'a str, &'a [u8]);

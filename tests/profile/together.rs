@@ -2,7 +2,7 @@
 
 use super::*;
 
-const PLC: &str = include_str!("../faults/plc.toml");
+const PLC: &str = include_str!("../gateway/faults/plc.toml");
 const SHARE: &str = "share = \"whole\"";
 const HANDSHAKE: &str =
     "handshake = { strobe = \"coil:20\", acknowledge = \"discrete:20\", timeout = \"800ms\" }";

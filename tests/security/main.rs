@@ -2,16 +2,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on fails")]
 
 mod another_user;
-#[path = "../certificates/mod.rs"]
-mod certificates;
+mod corpus;
 mod crowd;
-#[path = "../device/mod.rs"]
-mod device;
-#[path = "../onnx/encode.rs"]
-#[allow(dead_code, reason = "others write whole networks")]
-mod encode;
-#[path = "../http/fake.rs"]
-mod fake;
 mod files;
 mod https;
 mod layers;
@@ -19,12 +11,14 @@ mod leaving;
 mod on_time;
 mod port;
 mod posted;
-#[path = "../process/mod.rs"]
-mod process;
 mod rates;
 mod requests;
 mod rig;
 mod site;
 mod starved;
+#[path = "../support/mod.rs"]
+mod support;
 mod unseen;
 mod who;
+
+use support::{certificates, device, encode, fake, process};

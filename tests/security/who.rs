@@ -335,7 +335,7 @@ fn a_browser_gets_a_page_to_sign_in_and_a_program_an_answer_it_can_read() {
     assert!(closed.code == 429 && closed.body.contains("Wait a minute"), "{closed:?}");
 }
 
-/// Needs chromium and python3, as `tests/page.rs`.
+/// Needs chromium and python3, as `tests/observe/page.rs`.
 #[test]
 fn a_person_signs_in_commands_and_signs_out_in_a_real_browser() {
     let site = Site::with(BOTH);

@@ -238,7 +238,7 @@ fn read_table(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLo
     return parquet::read(file, split, uses);
     #[cfg(not(feature = "parquet"))]
     return Err(BadLog(vec![format!(
-        "{}: this program was built without Parquet; write CSV, or build it with --features parquet",
+        "{}: this program was built without Parquet: write CSV, or build it in: `cargo build --release --features parquet`",
         file.display()
     )]));
 }

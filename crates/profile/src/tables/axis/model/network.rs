@@ -185,7 +185,9 @@ fn net(name: &str, bytes: Vec<u8>, inputs: usize) -> Result<(Net, Option<Vec<Str
 #[cfg(not(feature = "onnx"))]
 fn net(name: &str, bytes: Vec<u8>, _: usize) -> Result<(Net, Option<Vec<String>>), String> {
     if is_onnx(name) {
-        return Err("this program was built without ONNX (the feature `onnx`)".to_owned());
+        let why = "this program was built without ONNX: take a packaged program, or build it in: \
+                   `cargo build --release --features onnx`";
+        return Err(why.to_owned());
     }
     parse(&bytes)
 }

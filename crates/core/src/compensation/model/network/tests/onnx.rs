@@ -4,7 +4,7 @@ use proptest::prelude::*;
 
 use super::*;
 
-#[path = "../../../../../../../tests/onnx/encode.rs"]
+#[path = "../../../../../../../tests/support/encode.rs"]
 mod encode;
 
 fn file(columns: Option<u64>) -> Vec<u8> {

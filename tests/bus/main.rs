@@ -1,0 +1,17 @@
+//! Lines and devices: what goes over the wire, and which replies are accepted.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on fails")]
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod fairness;
+mod interop;
+mod line;
+#[cfg(feature = "opcua")]
+mod opcua;
+mod pipeline;
+mod serial;
+mod sysfs;
+mod tls;
+mod wrong_replies;

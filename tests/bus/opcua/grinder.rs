@@ -1,0 +1,175 @@
+//! The surface grinder's first hours, its devices once on Modbus and once behind an OPC UA server: what is corrected is the same.
+
+use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::time::Duration;
+
+use super::rig::python;
+use isotherm::clock::Clock;
+use isotherm::gateway::{Gateway, Options};
+use isotherm::virtual_machine::{PlantSpec, Setup, TruthRow, VirtualMachine};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Profile, parse};
+
+const GRINDER: &str = include_str!("../../../profiles/surface-grinder.toml");
+const SPAN: Duration = Duration::from_hours(2);
+/// Of the registers: a tenth of a micrometre.
+const COUNT: i64 = 1;
+
+/// What came of a run.
+struct Run {
+    /// The machine's true error and what stands against it, every ten seconds.
+    course: Vec<TruthRow>,
+    /// What was written of each device, by the moment.
+    written: BTreeMap<(usize, Moment), i64>,
+}
+
+/// The grinder without what nodes do not have yet, asked as seldom as it may be. Its time stands still for an answer, so that how long
+/// that takes on this computer says nothing.
+fn grinder() -> String {
+    let (before, heartbeat) = GRINDER.split_once("[heartbeat]").unwrap();
+    let text = format!("{before}[web]{}", heartbeat.split_once("[web]").unwrap().1);
+    let text = ["\"500ms\"\n", "\"1s\"\n"].iter().fold(text, |text, every| text.replace(every, "\"2s\"\n"));
+    text.replace("max_age    = \"2s\"", "max_age    = \"5s\"").replace("\"300ms\"", "\"10s\"")
+}
+
+fn profile(text: &str) -> Profile {
+    parse(Path::new("machine.toml"), text, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile
+}
+
+/// The profile with a node for each register, and their names. The server's port is left open.
+fn in_nodes(text: &str) -> (String, Vec<String>) {
+    let mut names = Vec::new();
+    let tables = text.split_inclusive("\n\n").map(|table| {
+        let value = |key: &str| {
+            let line =
+                table.lines().find(|line| line.split('=').next().is_some_and(|name| name.trim() == key))?;
+            line.split('"').nth(1)
+        };
+        let name = value("register").map(|register| {
+            let kind = value("type").unwrap();
+            let order = value("word_order").unwrap_or("msw-first");
+            format!("{}/{}/{kind}/{order}", value("device").unwrap(), register.replace(':', "/"))
+        });
+        let lines = table.split_inclusive('\n').filter_map(|line| {
+            let key = line.split('=').next().unwrap_or_default().trim();
+            match key {
+                "register" => Some(format!("node = \"ns=2;s={}\"\n", name.as_deref().unwrap())),
+                "word_order" => None,
+                "unit" if !line.contains('"') => None,
+                "type" if line.contains("modbus-tcp") => {
+                    Some("type = \"opcua\"\nsecurity = \"none\"\n".to_owned())
+                }
+                "address" => Some("address = \"opc.tcp://127.0.0.1:PORT\"\n".to_owned()),
+                _ => Some(line.to_owned()),
+            }
+        });
+        let table: String = lines.collect();
+        names.extend(name);
+        table
+    });
+    let text = tables.collect();
+    (text, names)
+}
+
+/// A server that stands for the devices of a machine. It ends with this.
+struct Bridge(Child);
+
+impl Bridge {
+    fn start(devices: &[String], names: &[String]) -> (Bridge, String) {
+        let mut command = python("opcua_bridge.py");
+        command.args(devices).arg("--").args(names);
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut child = command.spawn().unwrap();
+        let mut says = BufReader::new(child.stdout.take().unwrap());
+        let mut port = String::new();
+        says.read_line(&mut port).unwrap();
+        assert!(!port.is_empty(), "the bridge does not run");
+        (Bridge(child), port.trim().to_owned())
+    }
+}
+
+impl Drop for Bridge {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Runs it as fast as it goes.
+fn run(over_opcua: bool) -> Run {
+    let text = grinder();
+    let plant = PlantSpec::shipped("surface-grinder").unwrap().unwrap();
+    let clock = Clock::simulated(plant.start(), None);
+    let setup = Setup { journal: true, ..Setup::on_free_ports(plant, 7) };
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let hold = clock.hold();
+        let of_modbus = profile(&text);
+        let mut machine = VirtualMachine::start(&of_modbus, setup, &clock).await.unwrap();
+        let window = machine.window();
+        let mut last = clock.join();
+        let (served, _bridge) = if over_opcua {
+            let at =
+                of_modbus.devices.iter().map(|device| (&device.name, machine.address(device.bus).unwrap()));
+            let devices: Vec<String> =
+                at.map(|(name, address)| format!("{name}={}", address.port())).collect();
+            let (text, names) = in_nodes(&text);
+            let started = tokio::task::spawn_blocking(move || Bridge::start(&devices, &names));
+            let (bridge, port) = started.await.unwrap();
+            (profile(&text.replace("PORT", &port)), Some(bridge))
+        } else {
+            (machine.serving(of_modbus), None)
+        };
+        let gateway = Gateway::new(served, &clock, Options::default());
+        drop(hold);
+        let mut seen = None;
+        let over = async {
+            last.sleep(SPAN).await;
+            seen = Some((window.take_course(), window.requests()));
+            drop(last);
+        };
+        tokio::select! {
+            _ = gateway.run(over, std::future::pending()) => {}
+            error = machine.failure() => panic!("{error}"),
+        }
+        let (course, requests) = seen.unwrap();
+        let written = requests.into_iter().filter(|seen| seen.wanted.len() == 2).map(|seen| {
+            let counts = i32::from(seen.wanted[0].cast_signed()) << 16 | i32::from(seen.wanted[1]);
+            ((seen.device.0, seen.at), i64::from(counts))
+        });
+        Run { course, written: written.collect() }
+    })
+}
+
+#[test]
+fn the_grinder_is_corrected_over_opc_ua_as_over_modbus_within_a_tenth_of_a_micrometre() {
+    let [modbus, opcua] = [run(false), run(true)];
+    let compensated = |row: &TruthRow| row.axes[0].error_um + row.axes[0].cz_um;
+    let rows = || modbus.course.iter().zip(&opcua.course);
+    assert!(modbus.course.len() >= 700 && opcua.course.len() == modbus.course.len());
+    let worst = rows().map(|(a, b)| (compensated(a) - compensated(b)).abs()).fold(0.0, f64::max);
+    let moved = modbus.course.iter().map(|row| row.axes[0].cz_um.abs()).fold(0.0, f64::max);
+    let both: Vec<i64> = modbus
+        .written
+        .iter()
+        .filter_map(|(at, counts)| Some((counts - opcua.written.get(at)?).abs()))
+        .collect();
+    let most = both.iter().copied().max().unwrap_or(i64::MAX);
+    println!(
+        "corrected by up to {moved:.1} µm; apart by {worst:.3} µm at most, registers by {most} counts in {} of {} writes",
+        both.len(),
+        modbus.written.len()
+    );
+    assert!(rows().all(|(a, b)| a.at == b.at));
+    assert!(moved > 3.0, "nothing to correct: {moved}");
+    assert!(worst <= 0.1, "{worst} µm");
+    assert!(
+        both.len() * 100 >= modbus.written.len() * 99 && most <= COUNT,
+        "{} of {}",
+        both.len(),
+        modbus.written.len()
+    );
+}

@@ -1,0 +1,223 @@
+//! A server of asyncua in a process of its own, and a line to it.
+
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+use isotherm::fieldbus::departure::Leave;
+use isotherm::fieldbus::dial;
+use isotherm::fieldbus::error::Fault;
+use isotherm::fieldbus::line::{Answered, DeviceLine};
+use isotherm::fieldbus::opcua_fault::OpcUaFault;
+use isotherm::fieldbus::wire::{Answer, Request};
+use isotherm_core::codec::DataType;
+use isotherm_core::reading::Reason;
+use isotherm_profile::{DeviceId, Profile};
+
+fn here(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop").join(name)
+}
+
+/// Python with asyncua.
+pub(crate) fn python(script: &str) -> Command {
+    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
+    let python = target.join("tools/venv/bin/python");
+    let lacks = "asyncua is not installed: `tests/run opcua` does it";
+    assert!(python.exists(), "{}: {lacks}", python.display());
+    let mut command = Command::new(python);
+    command.arg("-u").arg(here(script));
+    command
+}
+
+/// A server. It is killed at the end.
+pub(crate) struct Server {
+    child: Child,
+    says: ChildStdin,
+    hears: BufReader<ChildStdout>,
+    pub(crate) port: u16,
+}
+
+impl Server {
+    pub(crate) fn start(arguments: &[&str]) -> Server {
+        let mut command = python("opcua_server.py");
+        command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut child = command.spawn().unwrap();
+        let (says, hears) = (child.stdin.take().unwrap(), BufReader::new(child.stdout.take().unwrap()));
+        let mut server = Server { child, says, hears, port: 0 };
+        server.port = server.line().parse().unwrap();
+        server
+    }
+
+    fn line(&mut self) -> String {
+        let mut line = String::new();
+        self.hears.read_line(&mut line).unwrap();
+        line.trim().to_owned()
+    }
+
+    /// Does this; what it answers.
+    pub(crate) fn does(&mut self, what: &str) -> String {
+        writeln!(self.says, "{what}").unwrap();
+        self.line()
+    }
+
+    /// Waits until it has ended by itself.
+    pub(crate) fn ends(&mut self) {
+        self.child.wait().unwrap();
+    }
+
+    /// It is there, and does nothing any more.
+    pub(crate) fn stops(&self) {
+        let pid = self.child.id().to_string();
+        assert!(Command::new("kill").args(["-STOP", &pid]).status().unwrap().success());
+    }
+
+    /// Kills it; another one begins at the same place.
+    pub(crate) fn dies(self, arguments: &[&str]) -> Server {
+        self.dies_for(Duration::ZERO, arguments)
+    }
+
+    /// The same; there is none for so long.
+    pub(crate) fn dies_for(mut self, span: Duration, arguments: &[&str]) -> Server {
+        let port = self.port.to_string();
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+        drop(self);
+        std::thread::sleep(span);
+        Server::start(&[&["--port", port.as_str()], arguments].concat())
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A machine on the server at this port, spoken to without security, with more lines at its bus.
+pub(crate) fn machine(port: u16, bus: &str) -> String {
+    let bus = if bus.is_empty() { "security = \"none\"" } else { bus };
+    format!(
+        r#"
+[machine]
+name = "server"
+[bus.control]
+type = "opcua"
+address = "opc.tcp://127.0.0.1:{port}"
+timeout = "1s"
+{bus}
+[device.cnc]
+bus = "control"
+every = "100ms"
+[signal.bed]
+device = "cnc"
+node = "ns=2;s=bed"
+unit = "degC"
+max_age = "2s"
+[signal.scale]
+device = "cnc"
+node = "ns=2;s=scale"
+type = "i32"
+scale = 0.001
+unit = "mm"
+[axis.z]
+limit = 40.0
+step = 1.0
+rate = 100.0
+every = "200ms"
+on_fault = {{ action = "hold" }}
+[[axis.z.model]]
+name = "bed"
+kind = "linear"
+terms = [ {{ signal = "bed", gain = 1.0, reference = 20.0 }} ]
+[output.offset]
+axis = "z"
+device = "cnc"
+writes = "offset"
+node = "ns=2;s=offset"
+type = "i32"
+scale = 0.1
+"#
+    )
+}
+
+/// The same machine, whose server sends its signals by itself.
+pub(crate) fn subscribing(port: u16) -> String {
+    let every = "every = \"100ms\"";
+    machine(port, "").replacen(every, &format!("{every}\nread = \"subscription\""), 1)
+}
+
+/// The profile of this text, whose files are in this directory.
+pub(crate) fn profile(text: &str, directory: &Path) -> Profile {
+    let path = directory.join("machine.toml");
+    std::fs::write(&path, text).unwrap();
+    isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile
+}
+
+/// The line of a machine.
+pub(crate) struct Line {
+    pub(crate) profile: Profile,
+    line: DeviceLine,
+}
+
+impl Line {
+    pub(crate) fn new(profile: Profile) -> Line {
+        let bus = &profile.buses[0];
+        let devices: Vec<_> = profile.devices.iter().map(|device| (DeviceId(0), device)).collect();
+        let line = DeviceLine::new(bus, &devices, dial(bus).unwrap(), &Clock::wall());
+        Line { line, profile }
+    }
+
+    /// To a server without security.
+    pub(crate) fn to(server: &Server) -> Line {
+        let directory = tempfile::tempdir().unwrap();
+        Line::new(profile(&machine(server.port, ""), directory.path()))
+    }
+
+    /// To a server that sends its signals by itself.
+    pub(crate) fn subscribed(server: &Server) -> Line {
+        let directory = tempfile::tempdir().unwrap();
+        Line::new(profile(&subscribing(server.port), directory.path()))
+    }
+
+    pub(crate) async fn asks(&mut self, request: Request<'_>) -> Result<Answered, Fault> {
+        self.line.revive(None);
+        self.line.request(DeviceId(0), request, Leave::Whenever).await
+    }
+
+    /// Reads both signals in one request. Their values.
+    pub(crate) async fn signals(&mut self) -> Result<[Result<f64, Reason>; 2], Fault> {
+        let requests = self.profile.requests(DeviceId(0));
+        assert_eq!(requests.len(), 1, "all nodes of a server are one request");
+        let answered = self.asks(Request::from(&requests[0].asks)).await?;
+        let signals = &self.profile.signals;
+        let value =
+            |place: usize| answered.answer.decode(&requests[0].fields[place], &signals[place].encoding);
+        Ok([value(0), value(1)])
+    }
+
+    /// Writes counts to the output.
+    pub(crate) async fn writes(&mut self, counts: i32) -> Result<Answer, Fault> {
+        let output = self.profile.outputs[0].clone();
+        let value = DataType::I32.encode(u64::from(counts.cast_unsigned()));
+        let functions = self.profile.devices[0].functions;
+        let request = Request::write(&output.address, value.registers(), functions);
+        self.asks(request).await.map(|answered| answered.answer)
+    }
+
+    /// What stands in the output.
+    pub(crate) async fn stands(&mut self) -> Result<i32, Fault> {
+        let output = self.profile.outputs[0].clone();
+        let request = Request::read(&output.address, output.encoding.data_type).unwrap();
+        let answered = self.asks(request).await?.answer.believed()?;
+        Ok(i32::try_from(output.encoding.counts(answered.registers()).unwrap().0).unwrap())
+    }
+}
+
+pub(crate) fn no_session(why: OpcUaFault) -> Fault {
+    Fault::Link(isotherm::fieldbus::error::LinkFault::OpcUa(why))
+}
+
+pub(crate) const SHORTLY: Duration = Duration::from_millis(300);

@@ -1,0 +1,225 @@
+//! Ports that go and come back, adapters that lose themselves, and lines that never fall silent.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use isotherm::fieldbus::error::{Fault, LinkFault};
+use isotherm::fieldbus::line::GRACE;
+use isotherm::fieldbus::wire::Answer;
+use isotherm_profile::{DeviceId, Transport};
+use tokio::io::AsyncWriteExt;
+use tokio::net::TcpListener;
+
+use crate::serial::port::{Plug, answer, asked, bus, line, read, serial, word};
+
+const TIMEOUT: Duration = Duration::from_millis(50);
+const UNIT: DeviceId = DeviceId(0);
+
+fn good() -> Result<Answer, Fault> {
+    Ok(Answer::Registers(vec![word(1, 7)]))
+}
+
+/// Answers every question.
+fn alive(plug: &Arc<Plug>) -> tokio::task::JoinHandle<()> {
+    let plug = plug.clone();
+    tokio::spawn(async move {
+        loop {
+            let question = plug.asked().await;
+            plug.say(&answer(question));
+        }
+    })
+}
+
+/// Asks every 20 ms until the answer is good; how long that took, and every fault that came before.
+async fn until_good(line: &mut isotherm::fieldbus::line::DeviceLine) -> (Duration, Vec<Fault>) {
+    let (begun, mut faults) = (Instant::now(), Vec::new());
+    loop {
+        match asked(line, UNIT, read(7, 1)).await {
+            Ok(answer) => {
+                assert_eq!(Ok(answer), good());
+                return (begun.elapsed(), faults);
+            }
+            Err(fault) if faults.last() != Some(&fault) => faults.push(fault),
+            Err(_) => {}
+        }
+        assert!(begun.elapsed() < Duration::from_secs(60), "{faults:?}");
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+}
+
+#[tokio::test]
+async fn an_adapter_that_is_unplugged_and_comes_back_under_its_name_is_found_again_within_the_backoff() {
+    let home = tempfile::tempdir().unwrap();
+    let name = home.path().join("usb-adapter");
+    let first = Arc::new(Plug::new());
+    first.under(&name);
+    let speaks = alive(&first);
+    let mut line = line(&bus(serial(115_200), name.to_str().unwrap(), TIMEOUT), 1);
+    assert_eq!(asked(&mut line, UNIT, read(7, 1)).await, good());
+
+    speaks.abort();
+    let _ = speaks.await;
+    std::fs::remove_file(&name).unwrap();
+    drop(first);
+    let gone = asked(&mut line, UNIT, read(7, 1)).await;
+    assert_eq!(gone, Err(Fault::Link(LinkFault::Absent)), "at once, by its name");
+    assert_eq!(asked(&mut line, UNIT, read(7, 1)).await, Err(Fault::Link(LinkFault::Down)));
+    tokio::time::sleep(Duration::from_millis(300)).await;
+
+    let second = Arc::new(Plug::new());
+    second.under(&name);
+    let speaks = alive(&second);
+    let (took, faults) = until_good(&mut line).await;
+    println!("back {took:?} after it was plugged in again, {faults:?}");
+    speaks.abort();
+}
+
+#[tokio::test]
+async fn an_adapter_that_has_lost_itself_is_opened_anew_under_its_name_after_the_second_miss() {
+    let home = tempfile::tempdir().unwrap();
+    let name = home.path().join("usb-adapter");
+    let (mute, new) = (Arc::new(Plug::new()), Arc::new(Plug::new()));
+    mute.under(&name);
+    let mut line = line(&bus(serial(115_200), name.to_str().unwrap(), TIMEOUT), 1);
+    assert_eq!(asked(&mut line, UNIT, read(7, 1)).await, Err(Fault::Timeout));
+    // The name has moved on, the old port is open and silent.
+    new.under(&name);
+    let speaks = alive(&new);
+    let (took, faults) = until_good(&mut line).await;
+    println!("good {took:?} after the first miss");
+    assert_eq!(faults, [Fault::Timeout]);
+    speaks.abort();
+}
+
+#[tokio::test]
+async fn a_path_that_is_no_port_and_one_that_is_not_there_are_told_apart() {
+    let home = tempfile::tempdir().unwrap();
+    let nowhere = home.path().join("nowhere");
+    let file = home.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    for (path, fault) in [(nowhere, LinkFault::Absent), (file, LinkFault::Unsuited)] {
+        let mut line = line(&bus(serial(9600), path.to_str().unwrap(), TIMEOUT), 1);
+        assert_eq!(asked(&mut line, UNIT, read(7, 1)).await, Err(Fault::Link(fault)));
+    }
+}
+
+#[tokio::test]
+async fn a_port_is_one_program_s_alone_and_free_again_when_that_has_ended() {
+    let plug = Arc::new(Plug::new());
+    let bus = bus(serial(115_200), plug.path.to_str().unwrap(), TIMEOUT);
+    let speaks = alive(&plug);
+    let (mut first, mut second) = (line(&bus, 1), line(&bus, 1));
+    assert_eq!(asked(&mut first, UNIT, read(7, 1)).await, good());
+    assert_eq!(asked(&mut second, UNIT, read(7, 1)).await, Err(Fault::Link(LinkFault::Busy)));
+    drop(first);
+    let (_, faults) = until_good(&mut second).await;
+    assert_eq!(faults, [Fault::Link(LinkFault::Down)]);
+    speaks.abort();
+}
+
+#[tokio::test]
+async fn what_a_device_still_says_to_a_gateway_that_was_killed_is_not_the_next_one_s_answer() {
+    let plug = Arc::new(Plug::new());
+    let bus = bus(serial(115_200), plug.path.to_str().unwrap(), 2 * TIMEOUT);
+    let mut killed = line(&bus, 1);
+    let device = async {
+        let old = plug.asked().await;
+        tokio::time::sleep(Duration::from_millis(70)).await;
+        plug.say(&answer(old));
+        let new = plug.asked().await;
+        plug.say(&answer(new));
+    };
+    let gateways = async {
+        let asks = asked(&mut killed, UNIT, read(3, 1));
+        let ended = tokio::time::timeout(GRACE * 2 * TIMEOUT + Duration::from_millis(30), asks).await;
+        assert!(ended.is_err(), "killed in the middle");
+        drop(killed);
+        let mut next = line(&bus, 1);
+        assert_eq!(asked(&mut next, UNIT, read(7, 1)).await, good());
+    };
+    tokio::join!(device, gateways);
+}
+
+#[tokio::test]
+async fn silence_of_three_and_a_half_characters_is_before_every_request_at_9600_baud() {
+    let plug = Arc::new(Plug::new());
+    let mut line = line(&bus(serial(9600), plug.path.to_str().unwrap(), TIMEOUT), 1);
+    let device = async {
+        let mut pauses = Vec::new();
+        let mut answered: Option<Instant> = None;
+        for _ in 0..20 {
+            let question = plug.asked().await;
+            pauses.extend(answered.map(|answered| answered.elapsed()));
+            plug.say(&answer(question));
+            answered = Some(Instant::now());
+        }
+        pauses
+    };
+    let asks = async {
+        for _ in 0..20 {
+            assert_eq!(asked(&mut line, UNIT, read(7, 1)).await, good());
+        }
+    };
+    let (pauses, ()) = tokio::join!(device, asks);
+    let shortest = pauses.iter().min().unwrap();
+    assert_eq!(pauses.len(), 19);
+    assert!(*shortest >= Duration::from_micros(4010), "{pauses:?}");
+}
+
+#[tokio::test]
+async fn pauses_and_a_port_that_is_closed_after_each_answer_are_kept_on_a_serial_line() {
+    let plug = Arc::new(Plug::new());
+    let mut bus = bus(serial(115_200), plug.path.to_str().unwrap(), Duration::from_millis(300));
+    bus.quirks.pause_after_connect = Duration::from_millis(40);
+    bus.quirks.close_after_each = true;
+    let mut line = line(&bus, 1);
+    let speaks = alive(&plug);
+    let begun = Instant::now();
+    for _ in 0..3 {
+        assert_eq!(asked(&mut line, UNIT, read(7, 1)).await, good());
+        assert!(line.is_connected(), "closed by us is not down");
+    }
+    assert!(begun.elapsed() >= Duration::from_millis(120), "{:?}", begun.elapsed());
+    speaks.abort();
+}
+
+#[tokio::test]
+async fn a_server_that_never_stops_talking_costs_its_timeout_and_nobody_else_s_turn() {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    // From a thread of its own, as fast as the socket takes it.
+    std::thread::spawn(move || {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(async move {
+            let listener = TcpListener::from_std(listener.into_std().unwrap()).unwrap();
+            while let Ok((mut stream, _)) = listener.accept().await {
+                let noise: Vec<u8> = (0..=255).cycle().take(64 * 1024).collect();
+                while stream.write_all(&noise).await.is_ok() {}
+            }
+        });
+    });
+    let mut line = line(&bus(Transport::RtuOverTcp, &address, TIMEOUT), 1);
+    let mut turns = 0;
+    let others = async {
+        loop {
+            turns += 1;
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    };
+    let begun = Instant::now();
+    let asks = async {
+        for _ in 0..3 {
+            let answer = asked(&mut line, UNIT, read(7, 1)).await;
+            assert!(matches!(answer, Err(Fault::Peer(_))), "{answer:?}");
+            tokio::time::sleep(Duration::from_millis(1100)).await;
+        }
+    };
+    tokio::select! {
+        () = asks => {}
+        () = others => {}
+    }
+    let took = begun.elapsed();
+    // Three timeouts and pauses are 3.5 s; without an end to a question it never comes back.
+    assert!(took < Duration::from_secs(60), "{took:?}");
+    assert!(turns > 300, "{turns} turns of 5 ms in {took:?}");
+}

@@ -1,0 +1,103 @@
+//! Answers after their timeout, each with a temperature of its own.
+
+use crate::wrong_replies::peer::Peer;
+use crate::wrong_replies::question::Kind;
+use crate::wrong_replies::rig::{Case, Life, TIMEOUT, none_is_believed};
+use crate::wrong_replies::wrong::life;
+
+/// 70 °C and more, another with each attempt.
+fn own(attempt: u32) -> i32 {
+    700 + i32::try_from(attempt).unwrap()
+}
+
+/// Every second answer to a read, or to a write, comes so late.
+fn late(factor: f64, writes: bool) -> Life {
+    life(move |mut peer: Peer| async move {
+        loop {
+            let asked = peer.asked().await?;
+            if asked.is_read() != writes && !peer.lane.behaves() && peer.lane.is_next() {
+                let attempt = peer.lane.tries();
+                tokio::time::sleep(TIMEOUT.mul_f64(factor)).await;
+                peer.say(&asked.framed(&asked.pdu_of(own(attempt)))).await?;
+            } else {
+                peer.answer(&asked).await?;
+            }
+        }
+    })
+}
+
+const FACTORS: [f64; 4] = [1.2, 2.0, 3.0, 5.0];
+
+#[test]
+fn an_answer_after_its_timeout_is_no_reading() {
+    let each = Kind::ALL.into_iter().flat_map(|kind| FACTORS.map(|factor| (kind, factor)));
+    let case = |(kind, factor)| Case {
+        name: format!("after {factor} timeouts"),
+        kind,
+        writes: None,
+        stands_still: None,
+        life: late(factor, false),
+    };
+    none_is_believed(each.map(case).collect());
+}
+
+#[test]
+fn an_echo_after_its_timeout_is_none() {
+    let each = Kind::ALL.into_iter().flat_map(|kind| FACTORS.map(|factor| (kind, factor)));
+    let case = |(kind, factor)| Case {
+        name: format!("of a write, after {factor} timeouts"),
+        kind,
+        writes: Some(16),
+        stands_still: None,
+        life: late(factor, true),
+    };
+    none_is_believed(each.map(case).collect());
+}
+
+/// The gateway's computer stands still while the answer comes: it is there when the computer goes on, and still late.
+#[test]
+fn an_answer_that_is_found_after_its_timeout_is_no_reading() {
+    let each = Kind::ALL.into_iter().flat_map(|kind| [1.2, 2.0].map(|factor| (kind, factor)));
+    let case = |(kind, factor): (Kind, f64)| {
+        let life = life(move |mut peer: Peer| async move {
+            loop {
+                let asked = peer.asked().await?;
+                if peer.lane.behaves() {
+                    peer.answer(&asked).await?;
+                    continue;
+                }
+                let attempt = peer.lane.tries();
+                tokio::time::sleep(TIMEOUT.mul_f64(factor)).await;
+                peer.say(&asked.framed(&asked.pdu_of(own(attempt)))).await?;
+            }
+        });
+        let name = format!("after {factor} timeouts, found when a computer goes on that stood still");
+        Case { name, kind, writes: None, stands_still: Some(4 * TIMEOUT), life }
+    };
+    none_is_believed(each.map(case).collect());
+}
+
+/// As a converter does that passes on whatever it hears to whoever is there: the answer to a question of the connection
+/// before comes right after the first question of this one, with the transaction that it had.
+#[test]
+fn an_answer_to_a_question_of_the_connection_before_is_no_reading() {
+    let life = life(move |mut peer: Peer| async move {
+        let mut first = true;
+        loop {
+            let asked = peer.asked().await?;
+            if peer.lane.behaves() {
+                peer.answer(&asked).await?;
+            } else if let Some(owed) = peer.lane.take_owed().filter(|_| first) {
+                peer.lane.tries();
+                peer.say(&owed).await?;
+                peer.answer(&asked).await?;
+            } else {
+                let lie = asked.framed(&asked.content());
+                peer.lane.owes(lie);
+            }
+            first = false;
+        }
+    });
+    let name = "of the connection before".to_owned();
+    none_is_believed(vec![Case { name, kind: Kind::Tcp, writes: None, stands_still: None, life }]);
+}

@@ -1,0 +1,407 @@
+//! One gateway with many lines of one kind, at each of which the same device lives, and what it believes of it.
+
+use std::fmt::Write;
+use std::future::Future;
+use std::io;
+use std::path::Path;
+use std::pin::Pin;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, OnceLock};
+use std::time::{Duration, Instant};
+
+use isotherm::clock::Clock;
+use isotherm::gateway::{Gateway, Options};
+use isotherm::observe::status::{Source, Status};
+use tokio::net::TcpListener;
+
+use crate::wrong_replies::peer::{Peer, Plug};
+use crate::wrong_replies::question::{Kind, Question, TRUTH};
+
+pub(crate) const TIMEOUT: Duration = Duration::from_millis(50);
+/// Lines of a gateway, and what each of them is tried with: a hundred attempts.
+pub(crate) const LANES: usize = 34;
+pub(crate) const TRIES: u32 = 3;
+/// So many cases run beside one another: more would keep good answers from being in time.
+const AT_A_TIME: usize = 21;
+const PATIENCE: Duration = Duration::from_secs(120);
+/// A device that has been wrong for so long may be left alone for half a minute.
+const FORGIVEN: Duration = Duration::from_secs(120);
+
+pub(crate) type Life = Arc<dyn Fn(Peer) -> Living + Send + Sync>;
+pub(crate) type Living = Pin<Box<dyn Future<Output = io::Result<()>> + Send>>;
+
+/// A device and what it is tried with.
+pub(crate) struct Case {
+    pub(crate) name: String,
+    pub(crate) kind: Kind,
+    /// It is written to as well, with this function.
+    pub(crate) writes: Option<u8>,
+    /// So long the gateway's computer stands still again and again.
+    pub(crate) stands_still: Option<Duration>,
+    pub(crate) life: Life,
+}
+
+/// One line and its device.
+pub(crate) struct Lane {
+    pub(crate) kind: Kind,
+    source: OnceLock<Arc<dyn Source>>,
+    /// How often the thread of the gateway has turned to something else.
+    turned: Arc<AtomicU32>,
+    /// Attempts made on it.
+    tried: AtomicU32,
+    /// An attempt was made whose end has not been looked at.
+    is_open: AtomicBool,
+    /// Those that were shown as a reading when the next question came; those that were taken for a refusal; echoes that
+    /// were believed beyond the right ones.
+    shown: AtomicU32,
+    refusals: AtomicU32,
+    surplus: AtomicU32,
+    names: [String; 3],
+    /// Right answers to reads and to writes.
+    read: AtomicU32,
+    written: AtomicU32,
+    behaves: AtomicBool,
+    turns: AtomicU32,
+    /// Right answers until what is shown is again of its device's making only.
+    void: AtomicU32,
+    /// Whether the last attempt was one is not known yet.
+    is_unsettled: AtomicBool,
+    /// What its device has not said yet.
+    owed: Mutex<Option<Vec<u8>>>,
+    wrong: Arc<Mutex<Vec<String>>>,
+}
+
+struct Verdict {
+    name: String,
+    kind: Kind,
+    tried: u32,
+    believed: u32,
+    wrong: Vec<String>,
+}
+
+impl Lane {
+    /// From now on it is a good device.
+    pub(crate) fn behaves(&self) -> bool {
+        self.behaves.load(Ordering::SeqCst)
+    }
+
+    pub(crate) fn turned(&self) -> u32 {
+        self.turned.load(Ordering::SeqCst)
+    }
+
+    /// Another attempt, and which it is.
+    pub(crate) fn tries(&self) -> u32 {
+        self.is_open.store(true, Ordering::SeqCst);
+        self.tried.fetch_add(1, Ordering::SeqCst)
+    }
+
+    /// The last attempt was none: what it may have come to is gone when the answer after the next one is asked for.
+    pub(crate) fn voids(&self) {
+        self.void.store(3, Ordering::SeqCst);
+        self.is_open.store(false, Ordering::SeqCst);
+        let _ = self.tried.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |tried| tried.checked_sub(1));
+    }
+
+    pub(crate) fn is_void(&self) -> bool {
+        self.void.load(Ordering::SeqCst) > 0
+    }
+
+    /// Whether what comes now is an attempt is only known later. If it was, what it came to is still shown then.
+    pub(crate) fn leaves_open(&self, is_open: bool) {
+        self.is_unsettled.store(is_open, Ordering::SeqCst);
+    }
+
+    /// Every second time that it is asked, beginning with the first.
+    pub(crate) fn is_next(&self) -> bool {
+        self.turns.fetch_add(1, Ordering::SeqCst).is_multiple_of(2)
+    }
+
+    pub(crate) fn owes(&self, answer: Vec<u8>) {
+        *self.owed.lock().unwrap() = Some(answer);
+    }
+
+    pub(crate) fn take_owed(&self) -> Option<Vec<u8>> {
+        self.owed.lock().unwrap().take()
+    }
+
+    pub(crate) fn is_answered(&self, asked: &Question) {
+        let count = if asked.is_read() { &self.read } else { &self.written };
+        count.fetch_add(1, Ordering::SeqCst);
+        if self.is_void() && self.source.get().is_some_and(|source| self.lie(&source.status()).is_some()) {
+            return;
+        }
+        let _ = self.void.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |left| left.checked_sub(1));
+    }
+
+    /// What the gateway shows of this line now, after an attempt.
+    pub(crate) fn look(&self) {
+        if let Some(source) = self.source.get()
+            && self.is_open.swap(false, Ordering::SeqCst)
+            && self.judge(&source.status())
+        {
+            self.shown.fetch_add(1, Ordering::SeqCst);
+        }
+    }
+
+    /// Whether it shows a reading that stands on no right answer.
+    fn judge(&self, status: &Status) -> bool {
+        let [_, output, device] = &self.names;
+        let device = status.devices.iter().find(|one| one.name == *device).unwrap();
+        let refusals = device.failures.get("exception").copied().unwrap_or_default();
+        self.refusals.fetch_max(u32::try_from(refusals).unwrap(), Ordering::SeqCst);
+        // What is right was counted before it was said, so that it can only be more.
+        let done = status.outputs.iter().find(|one| one.name == *output).map_or(0, |one| one.writes_done);
+        let surplus = done.saturating_sub(u64::from(self.written.load(Ordering::SeqCst)));
+        self.surplus.fetch_max(u32::try_from(surplus).unwrap(), Ordering::SeqCst);
+        let is_to_be_judged = |_: &String| !self.is_void() && !self.is_unsettled.load(Ordering::SeqCst);
+        let Some(found) = self.lie(status).filter(is_to_be_judged) else { return false };
+        let mut wrong = self.wrong.lock().unwrap();
+        if !wrong.contains(&found) && wrong.len() < 5 {
+            wrong.push(found);
+        }
+        true
+    }
+
+    /// What is shown and stands on no right answer.
+    fn lie(&self, status: &Status) -> Option<String> {
+        let signal = status.signals.iter().find(|one| one.name == self.names[0]).unwrap();
+        let value = signal.value.filter(|value| (value - f64::from(TRUTH) / 10.0).abs() >= 0.01)?;
+        Some(format!("{value} is {}", signal.quality))
+    }
+
+    /// Attempts that were believed.
+    fn believed(&self) -> u32 {
+        [&self.shown, &self.refusals, &self.surplus].into_iter().map(|one| one.load(Ordering::SeqCst)).sum()
+    }
+
+    /// Right answers since it behaves were believed.
+    fn is_believed(&self, status: &Status, since: (u32, u64)) -> bool {
+        let signal = status.signals.iter().find(|one| one.name == self.names[0]).unwrap();
+        let written = status.outputs.iter().find(|one| one.name == self.names[1]);
+        signal.quality == "good"
+            && self.read.load(Ordering::SeqCst) >= since.0 + 2
+            && written.is_none_or(|output| output.writes_done > since.1)
+    }
+}
+
+/// Runs them all beside one another; nothing wrong may be believed, and each good device must be at the end.
+pub(crate) fn none_is_believed(cases: Vec<Case>) {
+    let begun = Instant::now();
+    let (waiting, verdicts) = (Mutex::new(cases), Mutex::new(Vec::new()));
+    std::thread::scope(|scope| {
+        for _ in 0..AT_A_TIME {
+            scope.spawn(|| {
+                loop {
+                    let Some(case) = waiting.lock().unwrap().pop() else { return };
+                    let verdict = case.run();
+                    verdicts.lock().unwrap().push(verdict);
+                }
+            });
+        }
+    });
+    let verdicts: Vec<Verdict> = verdicts.into_inner().unwrap();
+    for Verdict { name, kind, tried, believed, wrong } in &verdicts {
+        let wrong = wrong.join("; ");
+        println!("{kind:?}, {name}: {believed} of {tried} believed {wrong}");
+    }
+    println!("{} cases in {:.1} s", verdicts.len(), begun.elapsed().as_secs_f64());
+    let failed = verdicts.iter().filter(|one| one.believed > 0 || !one.wrong.is_empty() || one.tried < 100);
+    let failed: Vec<String> = failed
+        .map(|one| format!("{:?}, {}: {} of {} {:?}", one.kind, one.name, one.believed, one.tried, one.wrong))
+        .collect();
+    assert!(failed.is_empty(), "{} of {} cases:\n{}", failed.len(), verdicts.len(), failed.join("\n"));
+}
+
+impl Case {
+    fn run(self) -> Verdict {
+        let wrong = Arc::new(Mutex::new(Vec::new()));
+        let turned = Arc::new(AtomicU32::new(0));
+        let lane = |number| Lane {
+            kind: self.kind,
+            source: OnceLock::new(),
+            turned: turned.clone(),
+            tried: AtomicU32::new(0),
+            is_open: AtomicBool::new(false),
+            shown: AtomicU32::new(0),
+            refusals: AtomicU32::new(0),
+            surplus: AtomicU32::new(0),
+            names: ["s", "o", "d"].map(|letter| format!("{letter}{number}")),
+            read: AtomicU32::new(0),
+            written: AtomicU32::new(0),
+            behaves: AtomicBool::new(false),
+            turns: AtomicU32::new(0),
+            void: AtomicU32::new(0),
+            is_unsettled: AtomicBool::new(false),
+            owed: Mutex::default(),
+            wrong: wrong.clone(),
+        };
+        let lanes: Vec<Arc<Lane>> = (0..LANES).map(|number| Arc::new(lane(number))).collect();
+        let (end, ended) = tokio::sync::oneshot::channel();
+        let (addresses, server) = serve(&lanes, self.life.clone(), ended);
+        beside(self.profile(&addresses), &lanes, self.stands_still, &wrong);
+        drop(end);
+        server.join().unwrap();
+        let tried = lanes.iter().map(|lane| lane.tried.load(Ordering::SeqCst)).sum();
+        let believed = lanes.iter().map(|lane| lane.believed()).sum();
+        let wrong = wrong.lock().unwrap().clone();
+        Verdict { name: self.name, kind: self.kind, tried, believed, wrong }
+    }
+
+    fn profile(&self, addresses: &[String]) -> isotherm_profile::Profile {
+        let mut text = "[machine]\nname = \"believers\"\narm = \"auto\"\n".to_owned();
+        for (number, address) in addresses.iter().enumerate() {
+            let line = match self.kind {
+                Kind::Tcp => format!("type = \"modbus-tcp\"\naddress = \"{address}\""),
+                Kind::RtuOverTcp => format!("type = \"modbus-rtu-over-tcp\"\naddress = \"{address}\""),
+                Kind::Port => format!(
+                    "type = \"modbus-rtu\"\nport = \"{address}\"\nbaud = 115200\nparity = \"none\"\nstop_bits = 1"
+                ),
+            };
+            let axis = self.writes.map(|function| axis(number, function)).unwrap_or_default();
+            // What cannot be read is believed by its echo alone.
+            let functions = match self.writes {
+                None => "\"read-input\"",
+                Some(6) => "\"read-input\", \"write-single\"",
+                Some(_) => "\"read-input\", \"write-multiple\"",
+            };
+            write!(
+                text,
+                "[bus.b{number}]\n{line}\ntimeout = \"{}ms\"\n\
+                 [device.d{number}]\nbus = \"b{number}\"\nunit = 1\nevery = \"150ms\"\nfunctions = [{functions}]\n\
+                 [signal.s{number}]\ndevice = \"d{number}\"\nregister = \"input:0\"\ntype = \"i32\"\n\
+                 word_order = \"msw-first\"\nscale = 0.1\nunit = \"degC\"\nmax_age = \"10s\"\n{axis}",
+                TIMEOUT.as_millis()
+            )
+            .unwrap();
+        }
+        let loaded = isotherm_profile::parse(Path::new("believers.toml"), &text, &[], &[]);
+        loaded.unwrap_or_else(|errors| panic!("{errors}")).profile
+    }
+}
+
+fn axis(number: usize, function: u8) -> String {
+    let form = if function == 6 { "type = \"i16\"" } else { "type = \"i32\"\nword_order = \"msw-first\"" };
+    format!(
+        "[axis.z{number}]\nlimit = 40.0\nstep = 2.0\nrate = 100.0\nevery = \"200ms\"\n\
+         on_fault = {{ action = \"hold\" }}\n[[axis.z{number}.model]]\nname = \"full\"\nkind = \"linear\"\n\
+         terms = [{{ signal = \"s{number}\", gain = 1.0, reference = 20.0 }}]\n\
+         [output.o{number}]\naxis = \"z{number}\"\ndevice = \"d{number}\"\nwrites = \"offset\"\n\
+         register = \"holding:1000\"\n{form}\nscale = 0.1\nverify = \"echo\"\nrefresh = \"200ms\"\n"
+    )
+}
+
+/// A device at each line, on a thread of its own; where they are found.
+fn serve(
+    lanes: &[Arc<Lane>],
+    life: Life,
+    ended: tokio::sync::oneshot::Receiver<()>,
+) -> (Vec<String>, std::thread::JoinHandle<()>) {
+    let lanes = lanes.to_vec();
+    let (tell, reported) = std::sync::mpsc::channel();
+    let thread = std::thread::spawn(move || {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(async {
+            for lane in lanes {
+                tell.send(settle(lane, life.clone()).await).unwrap();
+            }
+            drop(tell);
+            let _ = ended.await;
+        });
+    });
+    (reported.iter().collect(), thread)
+}
+
+async fn settle(lane: Arc<Lane>, life: Life) -> String {
+    if lane.kind == Kind::Port {
+        let plug = Plug::new();
+        let path = plug.path.clone();
+        tokio::spawn(async move {
+            let (peer, _kept) = plug.peer(lane);
+            let _ = life(peer).await;
+            std::future::pending::<()>().await;
+        });
+        return path;
+    }
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    tokio::spawn(async move {
+        for connection in 0.. {
+            let (stream, _) = listener.accept().await.unwrap();
+            tokio::spawn(life(Peer::of(stream, lane.clone(), connection)));
+        }
+    });
+    address
+}
+
+/// Runs the gateway until every device has been tried, and then until every device is believed again.
+fn beside(
+    profile: isotherm_profile::Profile,
+    lanes: &[Arc<Lane>],
+    stands_still: Option<Duration>,
+    wrong: &Arc<Mutex<Vec<String>>>,
+) {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let gateway = Gateway::new(profile, &Clock::wall(), Options::default());
+        let source = gateway.source();
+        lanes.iter().for_each(|lane| drop(lane.source.set(source.clone())));
+        let turned = lanes[0].turned.clone();
+        tokio::spawn(async move {
+            loop {
+                turned.fetch_add(1, Ordering::SeqCst);
+                tokio::time::sleep(Duration::from_millis(5)).await;
+            }
+        });
+        let first = lanes[0].clone();
+        if let Some(span) = stands_still {
+            tokio::spawn(async move {
+                while !first.behaves() {
+                    tokio::time::sleep(Duration::from_millis(20)).await;
+                    std::thread::sleep(span);
+                }
+            });
+        }
+        let (lanes, wrong) = (lanes.to_vec(), wrong.clone());
+        let done = tokio::task::spawn_blocking(move || watch(source.as_ref(), &lanes, &wrong));
+        gateway.run(async { done.await.unwrap() }, std::future::ready(())).await;
+    });
+}
+
+fn watch(source: &dyn Source, lanes: &[Arc<Lane>], wrong: &Mutex<Vec<String>>) {
+    let begun = Instant::now();
+    let look = |status: &Status| {
+        for lane in lanes {
+            let _ = lane.judge(status);
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    };
+    let is_tried = |lane: &Arc<Lane>| lane.tried.load(Ordering::SeqCst) >= TRIES;
+    while !lanes.iter().all(is_tried) && begun.elapsed() < PATIENCE {
+        look(&source.status());
+    }
+    // What came last has its time to be believed in.
+    for _ in 0..5 {
+        look(&source.status());
+    }
+    let status = source.status();
+    let since = |lane: &Arc<Lane>| {
+        let done = status.outputs.iter().find(|one| one.name == lane.names[1]);
+        (lane.read.load(Ordering::SeqCst), done.map_or(0, |one| one.writes_done))
+    };
+    let since: Vec<(u32, u64)> = lanes.iter().map(since).collect();
+    lanes.iter().for_each(|lane| lane.behaves.store(true, Ordering::SeqCst));
+    let begun = Instant::now();
+    loop {
+        let status = source.status();
+        look(&status);
+        let left = lanes.iter().zip(&since).filter(|(lane, since)| !lane.is_believed(&status, **since));
+        let left: Vec<String> = left.map(|(lane, _)| lane.names[2].clone()).collect();
+        if left.is_empty() {
+            return;
+        }
+        if begun.elapsed() > FORGIVEN {
+            let faults: Vec<_> = status.devices.iter().map(|one| (&one.name, &one.fault)).collect();
+            return wrong.lock().unwrap().push(format!("{left:?} behave and are not believed: {faults:?}"));
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! A command is carried out within its deadline or never, however the gateway stands still.
+//!
+//! `TEST_COMMANDS=100` gives that many instead of ten; `tests/run long` does.
+
+use std::io::Write;
+use std::os::unix::net::UnixStream;
+use std::time::Duration;
+
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg32;
+
+use crate::commands::bench::{Bench, answer};
+use crate::commands::process::{Running, until};
+
+/// At the same time.
+const LANES: usize = 5;
+
+/// Who asks, and how.
+#[derive(Clone, Copy, Debug)]
+enum Asks {
+    Arm,
+    ArmAndLeave,
+    Disarm,
+    Zero,
+    /// Interrupted before he gives up by himself.
+    Interrupted,
+    /// A browser that gives up.
+    Page,
+    /// Programs that never give up, and say nothing of how long they wait.
+    PatientApi,
+    PatientSocket,
+}
+
+use Asks::{Arm, ArmAndLeave, Disarm, Interrupted, Page, PatientApi, PatientSocket, Zero};
+
+const ALL: [Asks; 8] = [Arm, Disarm, PatientApi, Interrupted, ArmAndLeave, Page, PatientSocket, Zero];
+
+#[test]
+fn what_is_asked_of_a_gateway_that_stands_still_is_never_done_later() {
+    let count: usize = std::env::var("TEST_COMMANDS").map_or(10, |count| count.parse().unwrap());
+    let lanes: Vec<_> = (0..LANES)
+        .map(|lane| {
+            std::thread::spawn(move || {
+                let bench = Bench::manual();
+                let mut random = Pcg32::seed_from_u64(lane as u64);
+                for one in (lane..count).step_by(LANES) {
+                    let span = Duration::from_millis(random.random_range(5600..9000));
+                    never_done(&bench, ALL[one % ALL.len()], span);
+                }
+            })
+        })
+        .collect();
+    lanes.into_iter().for_each(|lane| lane.join().unwrap());
+}
+
+fn never_done(bench: &Bench, asks: Asks, span: Duration) {
+    let is_armed = matches!(asks, Disarm);
+    bench.ask(&[if is_armed { "arm" } else { "disarm" }]);
+    until("it is as it shall be", || match bench.axis()["armed"] == is_armed {
+        true => Ok(()),
+        false => Err(format!("{asks:?}")),
+    });
+    let count = |kind: &str| bench.count(kind);
+    let before = (count("command"), count("command-dropped"));
+    bench.gateway.stands_still();
+    let tick = Duration::from_millis(100);
+    let rest = ask(bench, asks, span);
+    bench.gateway.goes_on();
+    std::thread::sleep(tick * 15);
+    drop(rest);
+    until("it is told", || match count("command-dropped") {
+        dropped if dropped == before.1 + 1 => Ok(()),
+        dropped => Err(format!("{asks:?}: {dropped} dropped, {} before", before.1)),
+    });
+    assert_eq!(count("command"), before.0, "{asks:?}");
+    assert_eq!(bench.axis()["armed"], is_armed, "{asks:?} was carried out");
+}
+
+/// Asks, and looks at what he hears who does, while the gateway stands still for this long. What stays open.
+fn ask(bench: &Bench, asks: Asks, span: Duration) -> Vec<Box<dyn std::any::Any>> {
+    let program = |words: &[&str]| {
+        let mut asker = Running::start(&mut bench.verb(words));
+        std::thread::sleep(span);
+        let code = asker.ends_within(Duration::from_secs(5)).code();
+        let said = asker.so_far().join("\n");
+        assert!(said.contains("no answer within 5 s; not known whether it was done"), "{asks:?}: {said}");
+        assert_eq!(code, Some(3), "{asks:?}: {said}");
+    };
+    match asks {
+        Arm => program(&["arm"]),
+        ArmAndLeave => program(&["arm", "--no-wait"]),
+        Disarm => program(&["disarm"]),
+        Zero => program(&["zero"]),
+        Interrupted => {
+            let mut asker = Running::start(&mut bench.verb(&["arm"]));
+            std::thread::sleep(Duration::from_secs(1));
+            asker.signal("INT");
+            asker.ends_within(Duration::from_secs(5));
+        }
+        Page => {
+            let request = bench.begin_http("POST", "/api/arm", "isotherm-way: page\r\nContent-Length: 0\r\n");
+            std::thread::sleep(Duration::from_secs(5));
+            drop(request);
+        }
+        PatientApi => {
+            let request = bench.begin_http("POST", "/api/arm", "Content-Length: 0\r\n");
+            std::thread::sleep(span);
+            return vec![Box::new(request)];
+        }
+        PatientSocket => {
+            let mut socket = UnixStream::connect(bench.home.path().join("state/walker.sock")).unwrap();
+            socket.write_all(b"arm\n").unwrap();
+            std::thread::sleep(span);
+            return vec![Box::new(socket)];
+        }
+    }
+    Vec::new()
+}
+
+#[test]
+fn what_is_asked_of_a_gateway_that_stands_still_for_a_moment_is_done() {
+    let bench = Bench::manual();
+    bench.gateway.stands_still();
+    let mut asker = Running::start(&mut bench.verb(&["arm"]));
+    let request = bench.begin_http("POST", "/api/zero", "Content-Length: 0\r\n");
+    std::thread::sleep(Duration::from_secs(3));
+    bench.gateway.goes_on();
+    asker.hears("z: armed");
+    assert_eq!(asker.ends_within(Duration::from_secs(10)).code(), Some(0));
+    assert_eq!(answer(request).0, 200);
+}
+
+#[test]
+fn where_no_gateway_runs_that_is_what_is_said() {
+    let mut bench = Bench::manual();
+    bench.gateway.signal("KILL");
+    bench.gateway.ends_within(Duration::from_secs(10));
+    for verb in ["arm", "disarm", "zero"] {
+        let (code, said) = bench.ask(&[verb]);
+        assert_eq!((code, said.contains("no gateway of this machine is running here")), (1, true), "{said}");
+    }
+}
+
+#[test]
+fn who_waits_while_the_gateway_stops_for_long_is_reported_and_does_not_want_it_any_more() {
+    let bench = Bench::manual();
+    bench.device.asks(crate::commands::bench::OPEN_CIRCUIT);
+    bench.why("bed has an open circuit");
+    let mut asker = Running::start(&mut bench.verb(&["arm"]));
+    asker.hears("waiting to arm");
+    bench.gateway.stands_still();
+    bench.device.asks(0);
+    assert_eq!(asker.ends_within(Duration::from_secs(10)).code(), Some(3));
+    bench.gateway.goes_on();
+    until("it is told", || match bench.reported("arm-ended").len() {
+        1 => Ok(()),
+        _ => Err("nothing is told".to_owned()),
+    });
+    assert_eq!(bench.axis()["armed"], false);
+}

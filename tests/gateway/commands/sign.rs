@@ -1,0 +1,156 @@
+//! The sign of an axis, checked with a dial gauge: by a person at a terminal, by a script, by a program.
+
+use std::io::Write;
+use std::time::Duration;
+
+use crate::commands::bench::Bench;
+use crate::commands::process::{Running, until};
+
+const SOON: Duration = Duration::from_secs(20);
+
+/// The axis stands at 0 µm and compensates.
+fn bench() -> Bench {
+    let bench = Bench::of(|text| text.replace("limit = 2000.0", "limit = 40.0"));
+    bench.is_in_state("active");
+    bench
+}
+
+fn offset(bench: &Bench) -> i16 {
+    bench.device.state().offset()
+}
+
+/// Waits until the register holds this.
+#[track_caller]
+fn stands_at(bench: &Bench, count: i16) {
+    until("the offset is there", || match offset(bench) {
+        found if found == count => Ok(()),
+        found => Err(found.to_string()),
+    });
+}
+
+#[test]
+fn a_person_at_a_terminal_is_guided_and_the_answer_is_kept_over_a_restart() {
+    let mut bench = bench();
+    let mut asked = Running::start(&mut bench.verb(&["sign", "--axis", "z"]));
+    asked.hears("Put a dial gauge");
+    assert_eq!(bench.count("command"), 0, "nothing moves before a person says so");
+    asked.stdin().write_all(b"\n").unwrap();
+    asked.hears("z: Cz goes from 0.0 µm to 5.0 µm");
+    asked.hears("z: the tool must have moved by 5.0 µm to plus of z, seen from the work");
+    stands_at(&bench, 50);
+    let sign = bench.axis()["sign"].clone();
+    assert_eq!((&sign["by_um"], &sign["there"]), (&5.0.into(), &true.into()), "{sign}");
+    asked.stdin().write_all(b"perhaps\nplus\n").unwrap();
+    asked.hears("the sign is right");
+    assert_eq!(asked.ends_within(SOON).code(), Some(0));
+    stands_at(&bench, 0);
+    let steps: Vec<String> =
+        crate::commands::device::acted_wrongly(&bench.device.state().seen, Duration::from_secs(3600));
+    assert!(!steps.iter().any(|wrong| wrong.contains("in one write")), "{steps:?}");
+    let event = bench.events(&[]).into_iter().find(|event| event["kind"] == "sign-checked").unwrap();
+    assert_eq!((&event["data"]["moved"], &event["data"]["way"]), (&"plus".into(), &"socket".into()));
+    assert!(event["data"]["who"].as_str().is_some_and(|who| !who.is_empty()), "{event}");
+    bench.restart();
+    assert_eq!(bench.axis()["sign_checked"][1], "plus");
+}
+
+#[test]
+fn a_wrong_sign_is_said_with_what_to_do_and_a_program_may_check_too() {
+    let bench = bench();
+    let (code, said) = bench.ask(&["sign", "--axis", "z", "--answer", "minus"]);
+    assert!(code == 1 && said.contains("the sign is WRONG") && said.contains("`scale`"), "{said}");
+    assert!(bench.reported("sign-checked")[0].contains("WRONG"));
+    stands_at(&bench, 0);
+    until("the axis stands still", || match bench.http("POST", "/api/sign", "") {
+        (202, _) => Ok(()),
+        (code, said) => Err(format!("{code} {said}")),
+    });
+    let (code, said) = bench.http("POST", "/api/sign-plus", "");
+    assert!(code == 409 && said.contains("not there yet"), "{said}");
+    let (code, said) = bench.http("POST", "/api/sign", "");
+    assert!(code == 409 && said.contains("being checked already"), "{said}");
+    stands_at(&bench, 50);
+    until("it is there", || match bench.axis()["sign"]["there"] == true {
+        true => Ok(()),
+        false => Err(bench.axis().to_string()),
+    });
+    assert_eq!(bench.http("POST", "/api/sign-plus?axis=z", "").0, 200);
+    stands_at(&bench, 0);
+    assert_eq!(bench.axis()["sign_checked"][1], "plus");
+}
+
+#[test]
+fn who_goes_or_takes_it_back_or_switches_off_ends_it() {
+    let bench = bench();
+    let mut asked = Running::start(&mut bench.verb(&["sign"]));
+    asked.stdin().write_all(b"\n").unwrap();
+    asked.hears("must have moved");
+    asked.signal("KILL");
+    asked.ends_within(SOON);
+    stands_at(&bench, 0);
+    assert!(bench.reported("sign-ended")[0].contains("whoever asked has gone"));
+    assert_eq!(bench.axis()["sign"], serde_json::Value::Null);
+
+    until("the axis stands still", || match bench.http("POST", "/api/sign", "").0 {
+        202 => Ok(()),
+        code => Err(code.to_string()),
+    });
+    stands_at(&bench, 50);
+    let (code, said) = bench.http("POST", "/api/cancel", "");
+    assert!(code == 200 && said.contains("Cz goes back"), "{said}");
+    stands_at(&bench, 0);
+    assert!(bench.reported("sign-ended")[1].contains("cancelled by 127.0.0.1"));
+
+    bench.ask(&["disarm"]);
+    let (code, said) = bench.ask(&["sign", "--answer", "plus"]);
+    assert!(code == 1 && said.contains("arm it first"), "{said}");
+    assert_eq!((bench.axis()["sign_checked"].clone(), offset(&bench)), (serde_json::Value::Null, 0));
+}
+
+#[test]
+fn near_its_limit_it_is_refused() {
+    let bench = bench();
+    bench.device.asks(380);
+    stands_at(&bench, 380);
+    until("it is refused for the limit", || match bench.ask(&["sign", "--answer", "plus"]) {
+        (1, said) if said.contains("beyond axis.z.limit of 40.0 µm") => Ok(()),
+        (_, said) => Err(said),
+    });
+    assert_eq!(offset(&bench), 380);
+}
+
+#[test]
+fn arm_reminds_once_of_a_check_that_there_never_was() {
+    let mut bench = bench();
+    let reminder = "the sign of z was never checked with a dial gauge: isotherm sign";
+    bench.ask(&["disarm"]);
+    let (code, said) = bench.ask(&["arm"]);
+    assert!(code == 0 && said.contains(reminder), "{said}");
+    bench.restart();
+    bench.is_in_state("active");
+    bench.ask(&["disarm"]);
+    let (code, said) = bench.ask(&["arm"]);
+    assert!(code == 0 && !said.contains("gauge"), "{said}");
+}
+
+/// Needs chromium and python3, as `tests/observe/page.rs`.
+#[test]
+fn a_person_is_guided_on_the_page() {
+    let bench = bench();
+    let look = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/interop/look.py");
+    let words =
+        ["never checked with a dial gauge", "click:Check sign", "set it to zero", "click:Move by +5 µm"];
+    let seen = std::process::Command::new("python3")
+        .arg(look)
+        .arg(format!("http://{}/", bench.page))
+        .args(words)
+        .args(["must have moved by 5.0 µm to plus of z", "Which way did the gauge move?"])
+        .args(["click:Moved to plus", "the sign is right", "Sign checked 2"])
+        .output()
+        .unwrap_or_else(|error| panic!("no python3 ({error}): `tests/run page` installs it"));
+    let said = [seen.stdout, seen.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
+    assert!(seen.status.success(), "{said}\n(without chromium: `tests/run page`)");
+    assert_eq!(bench.axis()["sign_checked"][1], "plus");
+    let event = bench.events(&[]).into_iter().find(|event| event["kind"] == "sign-checked").unwrap();
+    assert_eq!(event["data"]["way"], "page");
+}

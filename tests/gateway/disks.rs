@@ -1,0 +1,202 @@
+//! A disk that is full, read-only, gone or cut off by the power: what is kept is whole, the rest is told, and the gateway
+//! goes on.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::support::process;
+
+use process::{PATIENCE, Running, file, free_port, isotherm, until};
+
+const MACHINE: &str = include_str!("../interop/machine.toml");
+
+/// A machine with its devices, and a directory for its state.
+struct Home {
+    home: tempfile::TempDir,
+    profile: PathBuf,
+    state: PathBuf,
+    _devices: Running,
+}
+
+impl Home {
+    fn new() -> Home {
+        let home = tempfile::tempdir().unwrap();
+        let address = format!("127.0.0.1:{}", free_port());
+        let text = MACHINE.replace("127.0.0.1:1\"", &format!("{address}\""));
+        let profile = file(home.path(), "machine.toml", &text);
+        let state = home.path().join("state");
+        std::fs::create_dir(&state).unwrap();
+        let mut devices = Running::start(isotherm(home.path()).arg("virtual").arg(&profile));
+        devices.hears("stop with Ctrl-C");
+        Home { profile, state, home, _devices: devices }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.home.path().join(name)
+    }
+
+    fn run(&self) -> Command {
+        let mut run = isotherm(self.home.path());
+        run.arg("run").arg(&self.profile).arg("--state").arg(&self.state);
+        run
+    }
+
+    /// As a shell does it after these words.
+    fn run_after(&self, words: &str) -> Command {
+        let run = self.run();
+        let mut shell = Command::new("sh");
+        shell.args(["-c", &format!("{words}; exec \"$0\" \"$@\"")]).arg(run.get_program());
+        shell.args(run.get_args());
+        shell.envs(run.get_envs().filter_map(|(name, value)| Some((name, value?))));
+        shell
+    }
+
+    fn names(&self) -> Vec<String> {
+        let entries = std::fs::read_dir(&self.state).unwrap();
+        entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+    }
+
+    /// Every log gives its decisions and its actions again.
+    #[track_caller]
+    fn replays(&self) -> usize {
+        let logs: Vec<String> = self.names().into_iter().filter(|name| name.ends_with(".csv")).collect();
+        for name in &logs {
+            let mut replay = isotherm(self.home.path());
+            let replay = replay.arg("replay").arg(&self.profile).arg(self.state.join(name)).output().unwrap();
+            let said = String::from_utf8([replay.stdout, replay.stderr].concat()).unwrap();
+            assert!(replay.status.success(), "{name}: {said}");
+            assert!(said.contains("bit for bit") || said.contains("came out again"), "{name}: {said}");
+        }
+        logs.len()
+    }
+}
+
+fn mode(path: &Path) -> u32 {
+    path.metadata().unwrap().permissions().mode() & 0o7777
+}
+
+#[track_caller]
+fn is_there(path: &Path) {
+    until(&format!("{} is there", path.display()), || path.exists().then_some(()).ok_or_else(String::new));
+}
+
+#[test]
+fn a_full_disk_is_reported_and_when_there_is_room_again_everything_goes_on_whole() {
+    let home = Home::new();
+    // So much fits into a file, and no more: what is over it is written in part, as on a disk that is full.
+    let mut program = Running::start(&mut home.run_after("trap '' XFSZ; ulimit -S -f 3"));
+    program.hears("axis z: armed");
+    program.hears("the log cannot be kept");
+    let before = home.names().len();
+    std::thread::sleep(std::time::Duration::from_secs(3));
+    assert_eq!(home.names().len(), before, "no file is begun again and again: {:?}", home.names());
+    let all = ["--fsize=unlimited:unlimited", "--pid"];
+    assert!(Command::new("prlimit").args(all).arg(program.id().to_string()).status().unwrap().success());
+    program.hears("the log is kept again");
+    std::thread::sleep(std::time::Duration::from_secs(3));
+    program.signal("TERM");
+    assert!(program.ends_within(PATIENCE).success());
+    assert!(home.replays() >= 2);
+    let mut again = Running::start(&mut home.run());
+    again.hears("axis z: armed");
+    assert!(!again.said.join("\n").contains("is not believed"));
+}
+
+#[test]
+fn cut_off_by_the_power_in_the_middle_of_a_row_each_log_is_read_and_gone_on_with() {
+    let home = Home::new();
+    let mut program = Running::start(&mut home.run());
+    program.hears("axis z: armed");
+    std::thread::sleep(std::time::Duration::from_secs(2));
+    program.killed();
+    let logs: Vec<String> = home.names().into_iter().filter(|name| name.ends_with(".csv")).collect();
+    assert_eq!(logs.len(), 2);
+    for name in &logs {
+        let path = home.state.join(name);
+        let whole = std::fs::read(&path).unwrap();
+        let rows = whole[..whole.len() - 1].iter().rposition(|byte| *byte == b'\n').unwrap() + 1;
+        for cut in (rows..whole.len()).step_by(17) {
+            std::fs::write(&path, &whole[..cut]).unwrap();
+            home.replays();
+        }
+        std::fs::write(&path, &whole[..whole.len() - 5]).unwrap();
+    }
+    let mut program = Running::start(&mut home.run());
+    program.hears("axis z: armed");
+    std::thread::sleep(std::time::Duration::from_secs(2));
+    program.signal("TERM");
+    assert!(program.ends_within(PATIENCE).success());
+    assert_eq!(home.replays(), 4, "{:?}", home.names());
+}
+
+/// The program as somebody who is not root: a copy of it, from where anybody may start it.
+fn as_nobody(home: &Home) -> Command {
+    let run = home.run();
+    let program = home.path("isotherm");
+    std::fs::copy(run.get_program(), &program).unwrap();
+    let open = |path: &Path, mode| {
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).unwrap();
+    };
+    open(home.home.path(), 0o755);
+    open(&program, 0o755);
+    let mut command = if rustix::process::getuid().is_root() {
+        std::os::unix::fs::chown(&home.state, Some(65534), Some(65534)).unwrap();
+        let mut command = Command::new("setpriv");
+        command.args(["--reuid", "65534", "--regid", "65534", "--clear-groups"]).arg(&program);
+        command
+    } else {
+        Command::new(&program)
+    };
+    command.envs(run.get_envs().filter_map(|(name, value)| Some((name, value?))));
+    command.args(run.get_args());
+    command
+}
+
+#[test]
+fn a_directory_that_becomes_read_only_is_reported_and_what_is_kept_again_too() {
+    let home = Home::new();
+    let mut program = Running::start(&mut as_nobody(&home));
+    program.hears("the gateway runs");
+    let state = home.state.join("interop.state.json");
+    is_there(&state);
+    std::fs::set_permissions(&home.state, std::fs::Permissions::from_mode(0o550)).unwrap();
+    let said = program.hears("the state cannot be kept");
+    assert!(said.contains(home.state.to_str().unwrap()) && said.contains("this user may not"), "{said}");
+    std::fs::set_permissions(&home.state, std::fs::Permissions::from_mode(0o750)).unwrap();
+    program.hears("the state is kept again");
+    program.signal("TERM");
+    program.ends_within(PATIENCE);
+}
+
+#[test]
+fn a_directory_that_is_deleted_while_running_is_made_again() {
+    let home = Home::new();
+    let mut program = Running::start(&mut home.run());
+    program.hears("axis z: armed");
+    let state = home.state.join("interop.state.json");
+    is_there(&state);
+    // Whoever deletes it may meet a file that is being made.
+    until("it is deleted", || std::fs::remove_dir_all(&home.state).map_err(|error| error.to_string()));
+    is_there(&state);
+    assert_eq!(mode(&home.state), 0o750);
+    program.hears("was removed");
+    program.hears("the log is kept again");
+    let all = ["state.json", ".csv", "interop.sock"];
+    until("all is there again", || {
+        let names = home.names();
+        let has = |end: &&str| names.iter().any(|name| name.ends_with(*end));
+        all.iter().all(has).then_some(()).ok_or(format!("{names:?}"))
+    });
+    let mut disarm = isotherm(home.home.path());
+    let disarm = disarm.arg("disarm").arg(&home.profile).arg("--state").arg(&home.state);
+    assert!(disarm.status().unwrap().success());
+    program.signal("TERM");
+    program.ends_within(PATIENCE);
+    home.replays();
+    let mut again = Running::start(&mut home.run());
+    again.hears("axis z: armed");
+    assert!(!again.said.join("\n").contains("is not believed"));
+}

@@ -1,0 +1,212 @@
+//! The log of the outputs: what each took and asked for comes out again, whatever happened on the lines.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use isotherm::cli::replay::{OutputsSummary, replay, replay_outputs};
+use isotherm::clock::Clock;
+use isotherm::observe::status::Command;
+use isotherm::virtual_machine::FaultScript;
+use isotherm_core::quantity::Moment;
+
+use crate::faults::law;
+use crate::faults::rig::{BENCH, Trace, World, block_on, patient, profile};
+
+const MINUTE: Duration = Duration::from_secs(60);
+const BLOCK: &str = include_str!("plc.toml");
+
+fn runs(text: &str, faults: &str, directory: &Path, spans: &[Duration]) -> Vec<Trace> {
+    block_on(async {
+        let mut world = World::new(text, faults).await;
+        let mut traces = Vec::new();
+        for span in spans {
+            let state = Some(directory.to_owned());
+            let trial = world.gateway().options(|options| options.directory = state);
+            // In an operator's register something stands: a person says that it is his.
+            traces.push(trial.command(Duration::from_secs(3), Command::Arm).run(*span).await);
+        }
+        traces
+    })
+}
+
+fn logs(directory: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().path());
+    let is_log = |path: &PathBuf| path.to_str().unwrap().ends_with(".outputs.csv");
+    let mut logs: Vec<_> = entries.filter(is_log).collect();
+    logs.sort();
+    logs
+}
+
+fn replayed(log: &Path) -> OutputsSummary {
+    replay_outputs(fs::File::open(log).unwrap(), log.to_str().unwrap()).unwrap()
+}
+
+/// The one log of this directory, all of whose actions came out again, and its text.
+fn again(directory: &Path) -> (OutputsSummary, String) {
+    let logs = logs(directory);
+    assert_eq!(logs.len(), 1, "{logs:?}");
+    let summary = replayed(&logs[0]);
+    comes_out_again(&summary);
+    (summary, fs::read_to_string(&logs[0]).unwrap())
+}
+
+fn comes_out_again(summary: &OutputsSummary) {
+    assert_eq!(summary.warnings, [""; 0], "{summary}");
+    assert!(!summary.outputs.is_empty() && summary.rows > 20, "{summary}");
+    for output in summary.outputs.values() {
+        assert!(output.rows > 10 && output.first.is_none(), "{summary}");
+    }
+}
+
+#[track_caller]
+fn has(text: &str, words: &[&str]) {
+    for word in words {
+        assert!(text.contains(word), "{word} does not stand in the log");
+    }
+}
+
+#[test]
+fn a_register_with_faults_and_a_restarted_gateway_comes_out_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let faults = "
+        [[fault]]
+        device = \"cnc\"
+        kind = \"half-open\"
+        at = \"40s\"
+        for_time = \"10s\"
+        [[fault]]
+        device = \"cnc\"
+        kind = \"exception\"
+        code = 4
+        at = \"90s\"
+        for_time = \"30s\"
+        [[fault]]
+        device = \"cnc\"
+        kind = \"restart\"
+        at = \"150s\"
+        [[fault]]
+        device = \"cnc\"
+        kind = \"register\"
+        register = \"holding:104\"
+        words = [0, 33]
+        at = \"250s\"";
+    let traces = runs(BENCH, faults, directory.path(), &[4 * MINUTE, 3 * MINUTE]);
+    traces.iter().for_each(law::holds);
+    let (summary, text) = again(directory.path());
+    assert_eq!(summary.outputs.keys().collect::<Vec<_>>(), ["cnc_z"], "a position is only counted");
+    has(
+        &text,
+        &[
+            "cnc_z,begin,,,,,,\"{",
+            "cnc_z,armed-by-p",
+            "cnc_z,decided,",
+            "cnc_z,read,",
+            "cnc_z,done,",
+            "cnc_z,no-answer,",
+            ",write,",
+            ",repeat,",
+            "readout_z,cz,",
+            "readout_z,writes,",
+            "heartbeat,writes,60,",
+            "heartbeat,fault,",
+            "heartbeat,failures,",
+        ],
+    );
+    assert_eq!(text.matches("cnc_z,begin,").count(), 2, "once a run");
+    let cz = text.matches("readout_z,cz,").count();
+    assert!((5..200).contains(&cz), "only where it has changed: {cz}");
+}
+
+#[test]
+fn a_register_that_an_operator_writes_to_as_well_comes_out_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let text = BENCH.replace("refresh = \"10s\"", "refresh = \"10s\"\nshare = \"ledger\"");
+    let faults = [(1200, "0s"), (3000, "60s")].map(|(counts, at)| {
+        format!(
+            "[[fault]]\ndevice = \"cnc\"\nkind = \"register\"\nregister = \"holding:104\"\nwords = [0, {counts}]\nat = \"{at}\"\n"
+        )
+    });
+    let traces = runs(&text, &faults.concat(), directory.path(), &[2 * MINUTE, MINUTE]);
+    traces.iter().for_each(law::holds);
+    assert_eq!(traces[0].reported("operator-change"), 1, "{}", traces[0].lines());
+    let (_, text) = again(directory.path());
+    has(&text, &["cnc_z,armed-by-person,", "cnc_z,kept,", ",keep,", ",write,", "\"\"is_shared\"\":true"]);
+}
+
+#[test]
+fn a_set_with_a_handshake_and_lost_answers_comes_out_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let keys = "handshake = { strobe = \"coil:20\", acknowledge = \"input:16.0\", timeout = \"400ms\" }";
+    let text = BLOCK.replace("[set.block]", &format!("[set.block]\n{keys}"));
+    let faults = "
+        [[fault]]
+        device = \"plc\"
+        kind = \"half-open\"
+        at = \"30s\"
+        for_time = \"5s\"
+        [[fault]]
+        device = \"plc\"
+        kind = \"exception\"
+        code = 6
+        at = \"60s\"
+        for_time = \"5s\"";
+    let traces = runs(&text, faults, directory.path(), &[2 * MINUTE]);
+    law::holds(&traces[0]);
+    let (summary, text) = again(directory.path());
+    assert_eq!(summary.outputs.keys().collect::<Vec<_>>(), ["plc_x", "plc_y", "plc_z"]);
+    has(&text, &["plc_x,goes-along,", "plc_y,done,", "plc_z,read,", "plc_z,no-answer,"]);
+}
+
+#[test]
+fn a_row_that_was_changed_is_reported_with_file_line_output_and_both_actions() {
+    let directory = tempfile::tempdir().unwrap();
+    runs(BENCH, "", directory.path(), &[MINUTE]);
+    let log = logs(directory.path()).remove(0);
+    let text = fs::read_to_string(&log).unwrap();
+    let (place, row) = text.lines().enumerate().find(|(_, row)| row.contains(",write,10,")).unwrap();
+    fs::write(&log, text.replacen(row, &row.replace(",write,10,", ",write,11,"), 1)).unwrap();
+    let summary = replayed(&log);
+    let output = &summary.outputs["cnc_z"];
+    let first = output.first.as_ref().unwrap();
+    assert_eq!((output.differing, first.line), (1, u64::try_from(place).unwrap() + 1));
+    let reported = summary.to_string();
+    let place = format!("first in {}, line {}: it is `write 11 until ", log.display(), first.line);
+    assert!(reported.contains("output cnc_z: 1 of ") && reported.contains(&place), "{reported}");
+    assert!(reported.contains("in the log, `write 10 until "), "{reported}");
+}
+
+#[test]
+fn a_run_over_midnight_leaves_two_files_that_each_come_out_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let ten_to_midnight = Moment::from_nanos(1_767_657_000_000_000_000);
+    block_on(async {
+        let profile = profile(&patient());
+        let faults = FaultScript::parse("", &profile).unwrap();
+        let mut world = World::start(profile, faults, Some(Clock::simulated(ten_to_midnight, None))).await;
+        let state = Some(directory.path().to_owned());
+        world.gateway().options(|options| options.directory = state).run(20 * MINUTE).await
+    });
+    let logs = logs(directory.path());
+    let names: Vec<_> = logs.iter().map(|log| log.file_name().unwrap().to_str().unwrap()).collect();
+    assert_eq!(names, ["bench-2026-01-05.outputs.csv", "bench-2026-01-06.outputs.csv"]);
+    for log in &logs {
+        comes_out_again(&replayed(log));
+        let text = fs::read_to_string(log).unwrap();
+        has(&text, &["cnc_z,begin,", "readout_z,cz,"]);
+    }
+}
+
+#[test]
+fn a_day_takes_a_few_megabytes_and_the_decisions_are_replayed_beside_it() {
+    let directory = tempfile::tempdir().unwrap();
+    runs(BENCH, "", directory.path(), &[20 * MINUTE]);
+    let (summary, text) = again(directory.path());
+    let a_day = text.len() * 72;
+    let decisions = directory.path().join("bench-2026-01-05.csv");
+    let of_decisions = fs::metadata(&decisions).unwrap().len() * 72;
+    println!("{a_day} bytes a day in {} rows of 20 minutes; the decisions {of_decisions}", summary.rows);
+    assert!(a_day < 40_000_000, "{a_day} bytes a day");
+    let axis = replay(&profile(BENCH), fs::File::open(decisions).unwrap(), "the day", None).unwrap();
+    assert_eq!(axis.axes["z"].reproduced.as_ref().unwrap().first, None, "{axis}");
+}

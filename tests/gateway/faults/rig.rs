@@ -1,0 +1,363 @@
+//! A virtual machine and a gateway in one process over real loopback sockets, on a clock that runs as fast as both
+//! allow, with everything that reached a device and everything that was told.
+
+use std::fs::Metadata;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, UNIX_EPOCH};
+
+use isotherm::clock::{Clock, Hold};
+use isotherm::gateway::{Gateway, Options, Outcome};
+use isotherm::observe::asker::{Asker, Way};
+use isotherm::observe::events::Entry;
+use isotherm::observe::status::{Answer, Command, Source, Status};
+use isotherm::virtual_machine::{
+    FaultScript, PlantSpec, Ports, Seen, Setup, Taken, UnknownUnit, VirtualMachine,
+};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Parity, Profile, Serial, Transport, parse};
+
+use crate::faults::law;
+
+pub(crate) const BENCH: &str = include_str!("bench.toml");
+pub(crate) const LATHE: &str = include_str!("lathe.toml");
+/// A serial line that is fast, so that a day on it is not long.
+pub(crate) const PORT: Transport =
+    Transport::Serial(Serial { baud: 115_200, parity: Parity::Even, stop_bits: 1 });
+pub(crate) const GRINDER: &str = include_str!("../../../profiles/surface-grinder.toml");
+
+/// How often the gateway is asked for its state.
+const SAMPLE_EVERY: Duration = Duration::from_secs(1);
+
+/// The hardware, and the clock that it shares with whatever talks to it.
+pub(crate) struct World {
+    pub(crate) profile: Profile,
+    pub(crate) clock: Clock,
+    pub(crate) machine: VirtualMachine,
+    hold: Option<Hold>,
+}
+
+/// What is done to a gateway while it runs.
+pub(crate) struct Stage<'a> {
+    pub(crate) source: &'a Arc<dyn Source>,
+    pub(crate) clock: &'a Clock,
+}
+
+type Act<'a> = Box<dyn FnOnce(&Stage<'_>) + 'a>;
+
+/// One run of a gateway.
+pub(crate) struct Trial<'a> {
+    world: &'a mut World,
+    options: Options,
+    acts: Vec<(Duration, Act<'a>)>,
+    is_killed: bool,
+}
+
+/// The state at one moment.
+pub(crate) struct Sample {
+    pub(crate) at: Moment,
+    pub(crate) status: Status,
+}
+
+/// What came of it.
+pub(crate) struct Trace {
+    pub(crate) profile: Profile,
+    pub(crate) begin: Moment,
+    pub(crate) samples: Vec<Sample>,
+    pub(crate) events: Vec<Entry>,
+    pub(crate) wire: Vec<Seen>,
+    /// What the controls took of their sets.
+    pub(crate) taken: Vec<Taken>,
+    pub(crate) outcome: Outcome,
+    /// When it was asked to stop, and when it had.
+    pub(crate) stopped: (Moment, Moment),
+}
+
+pub(crate) fn block_on<F: Future>(future: F) -> F::Output {
+    tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(future)
+}
+
+/// Where this says so, every line of every test speaks RTU: `rtu-over-tcp`, or `rtu` for ports.
+const LINES: &str = "TEST_LINES";
+
+pub(crate) fn profile(text: &str) -> Profile {
+    let loaded = parse(Path::new("bench.toml"), text, &[], &[]);
+    let mut profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
+    let transport = match std::env::var(LINES).as_deref() {
+        Err(_) | Ok("tcp") => return profile,
+        Ok("rtu-over-tcp") => Transport::RtuOverTcp,
+        Ok("rtu") => PORT,
+        Ok(other) => panic!("{LINES}: no line is made of `{other}`"),
+    };
+    profile.buses.iter_mut().for_each(|bus| bus.transport = transport);
+    profile
+}
+
+pub(crate) fn speaks_rtu(profile: &Profile) -> bool {
+    profile.buses[0].transport != Transport::Tcp
+}
+
+/// The bench with a patience that a busy computer does not exhaust, for what is compared number by number.
+pub(crate) fn patient() -> String {
+    BENCH.replace("100ms", "900ms")
+}
+
+/// A run of the bench with these faults.
+pub(crate) fn bench(faults: &str, span: Duration) -> Trace {
+    run(BENCH, faults, span)
+}
+
+/// A run of this profile with these faults.
+pub(crate) fn run(text: &str, faults: &str, span: Duration) -> Trace {
+    block_on(async { World::new(text, faults).await.gateway().run(span).await })
+}
+
+/// Waits until a disk has taken what was given to it: it is slower than a clock that nobody holds, and rows are dropped
+/// where too many wait.
+fn catches_up(directory: &Path, quiet: Duration) {
+    let written = || {
+        let entries = std::fs::read_dir(directory).into_iter().flatten();
+        let files = entries.filter_map(|entry| entry.ok()?.metadata().ok());
+        let changed =
+            |file: &Metadata| file.modified().unwrap().duration_since(UNIX_EPOCH).unwrap().as_nanos();
+        files.map(|file| changed(&file) + u128::from(file.len())).sum::<u128>()
+    };
+    let mut before = 0;
+    while before != written() {
+        before = written();
+        std::thread::sleep(quiet);
+    }
+}
+
+impl World {
+    pub(crate) async fn new(text: &str, faults: &str) -> World {
+        World::of(profile(text), faults).await
+    }
+
+    pub(crate) async fn of(profile: Profile, faults: &str) -> World {
+        // RTU has no transactions, but checksums, that can be wrong.
+        let faults = if speaks_rtu(&profile) {
+            faults
+                .replace("wrong-transaction", "wrong-checksum")
+                .replace("one-behind-stale", "wrong-checksum")
+        } else {
+            faults.to_owned()
+        };
+        let faults = FaultScript::parse(&faults, &profile).unwrap_or_else(|error| panic!("{error}"));
+        World::start(profile, faults, None).await
+    }
+
+    pub(crate) async fn start(profile: Profile, faults: FaultScript, clock: Option<Clock>) -> World {
+        let plant = PlantSpec::shipped("surface-grinder").unwrap().unwrap();
+        World::with(plant, profile, faults, clock).await
+    }
+
+    pub(crate) async fn with(
+        plant: PlantSpec,
+        mut profile: Profile,
+        faults: FaultScript,
+        clock: Option<Clock>,
+    ) -> World {
+        let clock = clock.unwrap_or_else(|| Clock::simulated(plant.start(), None));
+        let hold = clock.hold();
+        let setup = Setup {
+            plant: Some(plant),
+            seed: 1,
+            faults,
+            ports: Ports::Free,
+            unknown_unit: UnknownUnit::Silence,
+            journal: true,
+            probe_every: Some(Duration::from_secs(120)),
+            ..Setup::default()
+        };
+        let machine = VirtualMachine::start(&profile, setup, &clock).await.unwrap();
+        for (bus, address) in machine.addresses() {
+            profile.buses[bus.0].address = address.to_string();
+        }
+        World { profile, clock, machine, hold: Some(hold) }
+    }
+
+    /// Lets this much time pass without a gateway.
+    pub(crate) async fn wait(&mut self, span: Duration) {
+        let mut ticket = self.clock.join();
+        drop(self.hold.take());
+        ticket.sleep_until(self.clock.now().after(span)).await;
+        self.hold = Some(self.clock.hold());
+    }
+
+    pub(crate) fn gateway(&mut self) -> Trial<'_> {
+        Trial { world: self, options: Options::default(), acts: Vec::new(), is_killed: false }
+    }
+}
+
+/// Who gives commands here.
+pub(crate) fn somebody() -> Arc<Asker> {
+    Arc::new(Asker::new(Way::Socket, "somebody"))
+}
+
+impl<'a> Trial<'a> {
+    pub(crate) fn options(mut self, change: impl FnOnce(&mut Options)) -> Self {
+        change(&mut self.options);
+        self
+    }
+
+    /// Does something at this time of the run. In the order of the times.
+    pub(crate) fn at(mut self, after: Duration, act: impl FnOnce(&Stage<'_>) + 'a) -> Self {
+        self.acts.push((after, Box::new(act)));
+        self
+    }
+
+    pub(crate) fn command(self, after: Duration, command: Command) -> Self {
+        self.at(after, move |stage| {
+            let answer = stage.source.command(command, None, &somebody()).unwrap();
+            assert!(!matches!(answer, Answer::TooSoon(_)), "{answer:?}");
+        })
+    }
+
+    /// Runs the gateway for this long; then it is gone, without a stop.
+    pub(crate) async fn killed_after(self, span: Duration) -> Trace {
+        Trial { is_killed: true, ..self }.run(span).await
+    }
+
+    /// Runs the gateway for this long and lets it come to rest.
+    pub(crate) async fn run(self, span: Duration) -> Trace {
+        let Trial { world, options, acts, is_killed } = self;
+        let clock = world.clock.clone();
+        let begin = clock.now();
+        let directory = options.directory.clone();
+        let gateway = Gateway::new(world.profile.clone(), &clock, options);
+        let source = gateway.source();
+        let (mut watcher, mut last) = (clock.join(), clock.join());
+        drop(world.hold.take());
+        let (mut samples, mut events, mut reported) = (Vec::new(), Vec::new(), 0);
+        let mut acts = acts.into_iter().peekable();
+        let mut asked = begin;
+        let outcome = {
+            let mut look = |at: Moment| {
+                let mut status = source.status();
+                let total: u64 = status.event_counts.values().sum();
+                let new = usize::try_from(total - reported).unwrap();
+                reported = total;
+                let kept = status.events.len();
+                events.extend(status.events.drain(kept - new.min(kept)..));
+                status.events.clear();
+                samples.push(Sample { at, status });
+            };
+            let outcome = {
+                let watch = async {
+                    loop {
+                        let now = watcher.now();
+                        while let Some((_, act)) = acts.next_if(|(after, _)| now >= begin.after(*after)) {
+                            act(&Stage { source: &source, clock: &clock });
+                        }
+                        look(now);
+                        let second = now.since(begin).as_secs();
+                        if let Some(directory) = directory.as_deref().filter(|_| second.is_multiple_of(20)) {
+                            catches_up(directory, Duration::from_millis(2));
+                        }
+                        watcher.sleep_until(now.next_tick(begin, SAMPLE_EVERY)).await;
+                    }
+                };
+                let over = async {
+                    last.sleep_until(begin.after(span)).await;
+                    asked = last.now();
+                    drop(last);
+                };
+                let run = async {
+                    if !is_killed {
+                        return gateway.run(over, std::future::pending()).await;
+                    }
+                    tokio::select! {
+                        outcome = gateway.run(std::future::pending(), std::future::pending()) => outcome,
+                        () = over => Outcome { failed: false, rested: false, left: String::new(), handover: None },
+                    }
+                };
+                tokio::select! {
+                    outcome = run => outcome,
+                    never = watch => never,
+                    error = world.machine.failure() => panic!("{error}"),
+                }
+            };
+            look(clock.now());
+            outcome
+        };
+        world.hold = Some(clock.hold());
+        if is_killed {
+            // No time passes, and what its disk had been given is on it.
+            directory.iter().for_each(|directory| catches_up(directory, Duration::from_millis(500)));
+        }
+        let ended = clock.now();
+        let wire = world.machine.window().requests();
+        let wire = wire.into_iter().filter(|seen| seen.at >= begin).collect();
+        let taken = world.machine.window().taken();
+        let taken = taken.into_iter().filter(|taken| taken.at >= begin).collect();
+        let profile = world.profile.clone();
+        Trace { profile, begin, samples, events, wire, taken, outcome, stopped: (asked, ended) }
+    }
+}
+
+impl Trace {
+    /// How often this kind of event was told.
+    pub(crate) fn reported(&self, kind: &str) -> usize {
+        self.events.iter().filter(|event| event.kind == kind).count()
+    }
+
+    /// Every line that was told, to be shown where a test fails.
+    pub(crate) fn lines(&self) -> String {
+        self.events
+            .iter()
+            .map(|event| format!("{} {}: {}\n", &event.at[11..19], event.kind, event.text))
+            .collect()
+    }
+
+    /// The states the first axis went through while it was not stopping.
+    pub(crate) fn states(&self) -> Vec<&'static str> {
+        let states = self.samples.iter().filter(|sample| sample.at <= self.stopped.0);
+        let mut states: Vec<_> = states.map(|sample| sample.status.axes[0].state).collect();
+        states.dedup();
+        states
+    }
+
+    /// The states between two times of the run.
+    pub(crate) fn states_between(&self, from: u64, to: u64) -> Vec<&'static str> {
+        let mut states: Vec<_> = self.between(from, to).map(|sample| sample.status.axes[0].state).collect();
+        states.dedup();
+        states
+    }
+
+    pub(crate) fn between(&self, from: u64, to: u64) -> impl Iterator<Item = &Sample> {
+        let at = |seconds| self.begin.after(Duration::from_secs(seconds));
+        self.samples.iter().filter(move |sample| sample.at >= at(from) && sample.at <= at(to))
+    }
+
+    /// The qualities a signal had between two times of the run.
+    pub(crate) fn qualities(&self, signal: &str, from: u64, to: u64) -> Vec<&'static str> {
+        let of = |sample: &Sample| {
+            sample.status.signals.iter().find(|known| known.name == signal).map(|known| known.quality)
+        };
+        let mut qualities: Vec<_> = self.between(from, to).filter_map(of).collect();
+        qualities.dedup();
+        qualities
+    }
+
+    /// What an output was asked to hold, in its unit, in the order of the wire.
+    pub(crate) fn writes(&self, output: &str) -> Vec<(Moment, f64)> {
+        let output = self.profile.outputs.iter().find(|known| known.name == output).unwrap();
+        let writes = self.wire.iter().filter_map(|seen| law::of_output(seen, output));
+        writes.map(|seen| (seen.at, output.encoding.decode(&seen.wanted).unwrap())).collect()
+    }
+
+    /// The counts of the heartbeat.
+    pub(crate) fn beats(&self) -> Vec<u16> {
+        let Some(heartbeat) = &self.profile.heartbeat else { return Vec::new() };
+        let beats = self.wire.iter().filter(|seen| {
+            seen.is_write() && seen.device == heartbeat.device && seen.address == heartbeat.address
+        });
+        beats.map(|seen| seen.wanted[0]).collect()
+    }
+
+    /// Seconds since the run began.
+    pub(crate) fn seconds(&self, at: Moment) -> f64 {
+        at.since(self.begin).as_secs_f64()
+    }
+}

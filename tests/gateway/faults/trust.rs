@@ -1,0 +1,247 @@
+//! Days on which the computer cannot be trusted: its clock is set while the gateway runs and between two runs, it is killed,
+//! its state is damaged, replaced by an older one or lost, its directory taken away, and people command. Seeded. Not one
+//! row of the log, not one event and not one micrometre is lost.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use isotherm::observe::status::Command;
+use isotherm_core::quantity::{Moment, time};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg32;
+
+use crate::faults::clocks::slow;
+use crate::faults::keeping::kept_in;
+use crate::faults::law;
+use crate::faults::rig::{Trace, World, block_on, somebody};
+
+/// How long; three days with `tests/run long`.
+const HOURS: &str = "TEST_TRUST_HOURS";
+const SECOND: Duration = Duration::from_secs(1);
+/// The period of the axis: so far from one row of the log to the next.
+const PERIOD: Duration = Duration::from_secs(2);
+/// What the time of day is set to, from what it should be: seconds.
+const WRONG: [i64; 10] =
+    [0, 0, 0, 3600, -3600, 86_400, -86_400, 366 * 86_400, -10 * 365 * 86_400, -56 * 365 * 86_400];
+
+/// A computer that is not what it should be.
+struct Computer {
+    world: World,
+    home: tempfile::TempDir,
+    random: Pcg32,
+    /// Directories that were taken away.
+    taken: usize,
+    /// An older copy of state and ledger.
+    copies: Vec<(PathBuf, Vec<u8>)>,
+    seen: BTreeMap<(String, String), u64>,
+    what: BTreeMap<&'static str, u32>,
+}
+
+impl Computer {
+    fn directory(&self) -> PathBuf {
+        self.home.path().join("state")
+    }
+
+    fn count(&mut self, what: &'static str) {
+        *self.what.entry(what).or_default() += 1;
+    }
+
+    fn wrong_time(&mut self) -> i64 {
+        WRONG[self.random.random_range(0..WRONG.len())]
+    }
+
+    /// Everything that is kept by name: state and ledger.
+    fn documents(&self) -> Vec<PathBuf> {
+        let entries = fs::read_dir(self.directory()).into_iter().flatten().flatten();
+        let paths = entries.map(|entry| entry.path());
+        paths.filter(|path| path.extension().is_some_and(|ending| ending == "json")).collect()
+    }
+
+    /// What becomes of it while no gateway runs.
+    fn is_maltreated(&mut self) {
+        if self.random.random_range(0..3) == 0 {
+            let wrong = self.wrong_time();
+            let now = self.world.clock.now();
+            self.world.clock.set_time_of_day(offset(now, wrong));
+            self.world.clock.look_at_the_time_of_day();
+            self.count("clock set between two runs");
+        }
+        match self.random.random_range(0..6) {
+            0 => {
+                for path in self.documents() {
+                    let mut bytes = fs::read(&path).unwrap();
+                    let place = self.random.random_range(0..bytes.len());
+                    bytes[place] ^= 1 << self.random.random_range(0..7);
+                    fs::write(&path, bytes).unwrap();
+                }
+                self.count("state damaged");
+            }
+            1 if !self.copies.is_empty() => {
+                self.copies.iter().for_each(|(path, bytes)| fs::write(path, bytes).unwrap());
+                self.count("state of before");
+            }
+            2 => self.loses_its_directory(),
+            _ => {}
+        }
+        let copies = self.documents().into_iter().map(|path| (path.clone(), fs::read(&path).unwrap()));
+        self.copies = copies.collect();
+    }
+
+    fn loses_its_directory(&mut self) {
+        self.taken += 1;
+        fs::rename(self.directory(), self.home.path().join(format!("taken-{}", self.taken))).unwrap();
+        self.count("directory lost between two runs");
+    }
+
+    /// One life of a gateway. Somebody looks after it, and arms it where it asks for that.
+    async fn lives(&mut self, left: Duration) -> Trace {
+        let span = (SECOND * self.random.random_range(300..3600)).min(left);
+        let is_killed = self.random.random_range(0..5) < 3;
+        let mut acts: Vec<(Duration, Option<i64>, Option<Command>)> = Vec::new();
+        for minute in 1..=5 {
+            acts.push((SECOND * 60 * minute, None, Some(Command::Arm)));
+        }
+        for _ in 0..self.random.random_range(0..4) {
+            let at = SECOND * self.random.random_range(10..u32::try_from(span.as_secs()).unwrap());
+            match self.random.random_range(0..4) {
+                0 => acts.push((at, None, Some(Command::Zero))),
+                1 => {
+                    acts.push((at, None, Some(Command::Disarm)));
+                    acts.push((at + SECOND * 30, None, Some(Command::Arm)));
+                }
+                _ => acts.push((at, Some(self.wrong_time()), None)),
+            }
+        }
+        acts.sort_by_key(|act| act.0);
+        *self.what.entry("clock set while it ran").or_default() +=
+            u32::try_from(acts.iter().filter(|act| act.1.is_some()).count()).unwrap();
+        self.count(if is_killed { "killed" } else { "stopped" });
+        let mut trial = self.world.gateway().options(kept_in(Some(self.home.path().join("state"))));
+        for (at, wrong, command) in acts {
+            trial = trial.at(at, move |stage| {
+                if let Some(wrong) = wrong {
+                    stage.clock.set_time_of_day(offset(stage.clock.now(), wrong));
+                }
+                if let Some(command) = command {
+                    // Where it is armed already, or still waits, the answer says so.
+                    let _ = stage.source.command(command, None, &somebody());
+                }
+            });
+        }
+        if is_killed { trial.killed_after(span).await } else { trial.run(span).await }
+    }
+
+    fn lived_well(&mut self, trace: &Trace) {
+        law::holds(trace);
+        assert!(!trace.outcome.failed, "{}", trace.lines());
+        assert_eq!(trace.reported("logs-deleted"), 0, "{}", trace.lines());
+        for event in &trace.events {
+            *self.seen.entry((event.kind.to_string(), event.text.clone())).or_default() += 1;
+        }
+        let asked = trace.samples.iter().rfind(|sample| sample.at <= trace.stopped.0).unwrap();
+        let axis = &asked.status.axes[0];
+        assert_eq!(asked.status.log_dropped, 0);
+        if axis.state == "active" {
+            let apart = (axis.cz_um - axis.verified_um.unwrap()).abs();
+            assert!(apart <= 1.0 + 1e-6, "{apart} µm\n{}", trace.lines());
+        }
+    }
+
+    /// What is in all of its directories: the files of this ending.
+    fn files(&self, ending: &str) -> Vec<PathBuf> {
+        let homes = fs::read_dir(self.home.path()).unwrap().flatten();
+        let entries = homes.flat_map(|home| fs::read_dir(home.path()).unwrap().flatten());
+        let mut files: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
+        files.retain(|path| path.file_name().unwrap().to_str().unwrap().ends_with(ending));
+        files.sort();
+        files
+    }
+}
+
+fn offset(now: Moment, seconds: i64) -> Moment {
+    let span = Duration::from_secs(seconds.unsigned_abs());
+    if seconds < 0 { now.before(span) } else { now.after(span) }
+}
+
+/// How long the rows of a log go on without a gap, all runs of it together; and how many runs there are.
+fn covered(log: &Path) -> (Duration, u32) {
+    let mut reader = csv::ReaderBuilder::new().flexible(true).from_path(log).unwrap();
+    let memory = reader.headers().unwrap().iter().position(|name| name == "machine_memory").unwrap();
+    let (mut covered, mut runs, mut last) = (Duration::ZERO, 0, None);
+    for row in reader.records().map(Result::unwrap) {
+        let now = time::parse(&row[0]).unwrap();
+        if row[memory].is_empty() {
+            let last: Moment = last.unwrap();
+            let gap = now.since(last);
+            assert!(
+                now >= last && gap <= PERIOD,
+                "{}: {gap:?} without a row before {}",
+                log.display(),
+                &row[0]
+            );
+            covered += gap;
+        } else {
+            runs += 1;
+        }
+        last = Some(now);
+    }
+    (covered, runs)
+}
+
+#[test]
+fn days_of_wrong_clocks_kills_and_lost_state_lose_no_row_no_event_and_no_micrometre() {
+    let hours = std::env::var(HOURS).map_or(12, |hours| hours.parse().unwrap());
+    let mut left = Duration::from_hours(hours);
+    let home = tempfile::tempdir().unwrap();
+    fs::create_dir(home.path().join("state")).unwrap();
+    let (computer, lived, lives) = block_on(async {
+        let world = World::new(&slow(), "").await;
+        let mut computer = Computer {
+            world,
+            home,
+            random: Pcg32::seed_from_u64(20),
+            taken: 0,
+            copies: Vec::new(),
+            seen: BTreeMap::new(),
+            what: BTreeMap::new(),
+        };
+        let (mut lived, mut lives) = (Duration::ZERO, 0);
+        while left > SECOND * 300 {
+            let trace = computer.lives(left).await;
+            computer.lived_well(&trace);
+            let span = trace.stopped.1.since(trace.begin);
+            left = left.saturating_sub(span);
+            lived += span;
+            lives += 1;
+            computer.is_maltreated();
+        }
+        (computer, lived, lives)
+    });
+    let mut logs = computer.files(".csv");
+    logs.retain(|log| !log.to_str().unwrap().ends_with(".outputs.csv"));
+    let covered: Vec<(Duration, u32)> = logs.iter().map(|log| covered(log)).collect();
+    let rows: Duration = covered.iter().map(|(span, _)| *span).sum();
+    let begun: u32 = covered.iter().map(|(_, runs)| *runs).sum();
+    println!(
+        "{lived:?} in {lives} lives, {} files of logs with {begun} beginnings: {:?}",
+        logs.len(),
+        computer.what
+    );
+    // At each beginning and at each end less than a period.
+    let lost = lived.saturating_sub(rows);
+    assert!(lost <= PERIOD * 2 * begun, "{lost:?} of {lived:?} are not in the logs, {begun} beginnings");
+    let mut kept: BTreeMap<(String, String), u64> = BTreeMap::new();
+    for file in computer.files(".events.jsonl") {
+        for line in fs::read_to_string(&file).unwrap().lines() {
+            let event: serde_json::Value = serde_json::from_str(line).unwrap();
+            let text = |key: &str| event[key].as_str().unwrap_or_default().to_owned();
+            *kept.entry((text("kind"), text("text"))).or_default() += 1;
+        }
+    }
+    for (event, count) in &computer.seen {
+        let kept = kept.get(event).copied().unwrap_or_default();
+        assert!(kept >= *count, "{event:?} happened {count} times, and is kept {kept} times");
+    }
+}

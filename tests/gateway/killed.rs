@@ -1,0 +1,361 @@
+//! I12: killed at any instant and started again, what an operator has in a register and what we have in it is what it
+//! was or what was intended. The program itself is killed (SIGKILL) a thousand times, while the register lives on in this
+//! process, and an operator changes it now and then in between.
+//!
+//! What is truly whose is counted from the wire: a write of the gateway changes our share by what it changes the
+//! register by, an edit of the operator (thousands of counts) changes his. What the gateway takes its share to be it
+//! says when it arms.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::channel;
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+use isotherm::virtual_machine::{Ports, Setup, VirtualMachine, Window};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_pcg::Pcg32;
+
+use crate::support::process;
+
+use process::{Running, file, isotherm};
+
+/// Independent machines, each with a register, a disk and a gateway of its own.
+const LANES: u64 = 10;
+const KILLS: u64 = 1000 / LANES;
+/// A gateway lives at most this long, ms: it starts, arms, and makes a dozen changes.
+const LONGEST_LIFE: u64 = 700;
+
+/// What one write may change, in counts of 0.1 µm.
+const STEP: i32 = 10;
+
+const PROFILE: &str = r#"
+[machine]
+name = "joint"
+arm = "auto"
+[bus.cell]
+type = "modbus-tcp"
+address = "ADDRESS"
+timeout = "20ms"
+late = "60ms"
+[device.module]
+bus = "cell"
+unit = 1
+every = "25ms"
+[device.cnc]
+bus = "cell"
+unit = 2
+[signal.bed]
+device = "module"
+register = "input:0"
+type = "i16"
+scale = 0.1
+unit = "degC"
+range = [10.0, 40.0]
+max_age = "5s"
+[axis.z]
+limit = 40.0
+step = 1.0
+rate = 1000.0
+deadband = 0.1
+every = "25ms"
+on_fault = { action = "zero" }
+[[axis.z.model]]
+name = "there"
+kind = "linear"
+offset = OFFSET
+terms = [ { signal = "bed", gain = 0.01, reference = 0.0 } ]
+[output.cnc_z]
+axis = "z"
+device = "cnc"
+writes = "offset"
+register = "holding:104"
+type = "i32"
+word_order = "msw-first"
+scale = 0.1
+share = "ledger"
+"#;
+
+/// What it says where only a person can tell, and where it does not know of anything of ours.
+const QUESTION: &str = "are taken to be ours";
+const FIRST: &str = "nothing of ours is known in it";
+/// Its last words, where its time was not enough.
+const BEFORE: &str = "isotherm: stopped before the fault actions had come to their end";
+
+/// An operator at the CNC: reads and writes the whole register.
+struct Operator(TcpStream);
+
+impl Operator {
+    fn ask(&mut self, pdu: &[u8]) -> Vec<u8> {
+        let length = u8::try_from(pdu.len() + 1).unwrap();
+        let mut request = vec![0, 1, 0, 0, 0, length, 2];
+        request.extend(pdu);
+        self.0.write_all(&request).unwrap();
+        let mut header = [0; 7];
+        self.0.read_exact(&mut header).unwrap();
+        let mut answer = vec![0; usize::from(header[5]) - 1];
+        self.0.read_exact(&mut answer).unwrap();
+        assert_eq!(answer[0], pdu[0], "{answer:?}");
+        answer
+    }
+
+    fn read(&mut self) -> i32 {
+        let answer = self.ask(&[3, 0, 104, 0, 2]);
+        i32::from_be_bytes(answer[2..6].try_into().unwrap())
+    }
+
+    fn write(&mut self, counts: i32) {
+        let mut pdu = vec![16, 0, 104, 0, 2, 4];
+        pdu.extend(counts.to_be_bytes());
+        self.ask(&pdu);
+    }
+}
+
+/// One machine.
+struct Lane {
+    window: Window,
+    operator: Operator,
+    home: tempfile::TempDir,
+    up: PathBuf,
+    down: PathBuf,
+    /// Counts that are truly the operator's and ours, as the wire has it so far.
+    base: i32,
+    share: i32,
+    seen: usize,
+    random: Pcg32,
+    count: Count,
+}
+
+/// What happened.
+#[derive(Clone, Copy, Debug, Default)]
+struct Count {
+    kills: u64,
+    writes: u64,
+    armed: u64,
+    edits: u64,
+    /// Killed with a promise on disk, that had arrived and that had not.
+    arrived: u64,
+    outstanding: u64,
+    questions: u64,
+}
+
+fn counts(words: &[u16]) -> i32 {
+    i32::from(words[0].cast_signed()) << 16 | i32::from(words[1])
+}
+
+/// "… {after}12.3 µm …" in counts of 0.1 µm.
+fn reported(line: &str, after: &str) -> Option<i32> {
+    let number = line.split(after).nth(1)?.split(' ').next()?;
+    let micron: f64 = number.replace('−', "-").parse().ok()?;
+    #[allow(clippy::cast_possible_truncation, reason = "a few hundred counts")]
+    Some((micron * 10.0).round() as i32)
+}
+
+impl Lane {
+    fn new(seed: u64, window: Window, address: SocketAddr) -> Lane {
+        let home = tempfile::tempdir().unwrap();
+        let text = |offset: &str| PROFILE.replace("ADDRESS", &address.to_string()).replace("OFFSET", offset);
+        Lane {
+            window,
+            operator: Operator(TcpStream::connect(address).unwrap()),
+            up: file(home.path(), "up.toml", &text("35.0")),
+            down: file(home.path(), "down.toml", &text("-35.0")),
+            home,
+            base: 0,
+            share: 0,
+            seen: 0,
+            random: Pcg32::seed_from_u64(seed),
+            count: Count::default(),
+        }
+    }
+
+    fn run(&self, profile: &Path) -> Running {
+        let state = self.home.path().join("state");
+        Running::start(isotherm(self.home.path()).arg("run").arg(profile).arg("--state").arg(state))
+    }
+
+    /// Goes on with the bookkeeping: never more than a step at once, never beyond the limit, and nothing in between.
+    fn count_on(&mut self) {
+        let wire = self.window.requests();
+        for seen in &wire[self.seen..] {
+            if !seen.is_write() || seen.address.register().unwrap().offset != 104 {
+                continue;
+            }
+            let (before, wanted) = (counts(&seen.before), counts(&seen.wanted));
+            assert_eq!(before, self.base + self.share, "nobody else writes");
+            let change = wanted - before;
+            if change.abs() >= 500 {
+                self.base += change;
+            } else {
+                self.share += change;
+                self.count.writes += 1;
+                assert!(change.abs() <= STEP && self.share.abs() <= 400, "{change} to {}", self.share);
+            }
+        }
+        self.seen = wire.len();
+    }
+
+    /// What the disk says at the moment of a kill.
+    fn look_at_the_ledger(&mut self) {
+        let path = self.home.path().join("state/joint.ledger.json");
+        let Ok(text) = std::fs::read_to_string(path) else { return };
+        let ledger: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let kept = &ledger["content"]["cnc_z"]["kept"];
+        let account = &kept["account"];
+        if account.is_null() {
+            return;
+        }
+        let sum = account["base"].as_i64().unwrap() + account["share"].as_i64().unwrap();
+        let stands = i64::from(self.base + self.share);
+        let promised = kept["promises"].as_array().unwrap();
+        let open = promised.iter().filter(|promise| promise["is_under_way"] == true);
+        let mut open = open.map(|promise| promise["value"].as_i64().unwrap()).filter(|value| *value != sum);
+        if open.clone().any(|value| value == stands) {
+            self.count.arrived += 1;
+        } else if open.next().is_some() {
+            self.count.outstanding += 1;
+        }
+    }
+
+    fn live_and_die(&mut self) {
+        let profile = if self.random.next_u32().is_multiple_of(2) { &self.up } else { &self.down };
+        let gateway = self.run(profile);
+        std::thread::sleep(Duration::from_micros(self.random.random_range(0..LONGEST_LIFE * 1000)));
+        let said = gateway.killed();
+        self.count.kills += 1;
+        let share = self.share;
+        // What was sent in the last instant is dealt with before this question.
+        let mut register = self.operator.read();
+        self.count_on();
+        let text = said.join("\n");
+        for line in said.iter().filter(|line| line.contains("armed, starting from")) {
+            self.count.armed += 1;
+            let starts = reported(line, "starting from ").unwrap();
+            assert_eq!(starts, share, "the share that stood there, of {}\n{text}", self.base);
+        }
+        self.look_at_the_ledger();
+        if said.iter().any(|line| line.contains(QUESTION) || line.contains(FIRST)) {
+            self.answer();
+            register = self.operator.read();
+        }
+        assert_eq!(register, self.base + self.share);
+        if self.random.random_range(0..4) == 0 {
+            let edit = 1000 * self.random.random_range(1..4) * if self.base > 0 { -1 } else { 1 };
+            self.operator.write(register + edit);
+            self.count.edits += 1;
+            self.count_on();
+        }
+    }
+
+    /// A person does as he is told, and arms.
+    fn answer(&mut self) {
+        self.count.questions += 1;
+        let mut gateway = self.run(&self.up);
+        let line = gateway.hears_one_of(&[QUESTION, FIRST]);
+        let share = if line.contains(FIRST) { 0 } else { reported(&line, "of which ").unwrap() };
+        self.operator.write(self.base + share);
+        self.count_on();
+        assert_eq!(self.share, share, "at most one step from the truth: {line}");
+        let mut arm = isotherm(self.home.path());
+        let arm = arm.arg("arm").arg(&self.up).arg("--state").arg(self.home.path().join("state"));
+        assert!(arm.status().unwrap().success());
+        gateway.hears("armed, starting from");
+        if !gateway.hears_one_of(&["are ours", QUESTION]).contains("are ours") {
+            // It turned to what may as well be a write of ours while he armed: he looks again, and says so again, which is
+            // refused within a second of the last time.
+            process::until("he is heard again", || match arm.output().unwrap() {
+                output if output.status.success() => Ok(()),
+                output => Err(String::from_utf8_lossy(&output.stderr).into_owned()),
+            });
+            gateway.hears("are ours");
+        }
+        gateway.killed();
+        self.operator.read();
+        self.count_on();
+    }
+
+    /// The last one is asked to stop, and takes its share back: exactly the operator's part is left. Where it comes to its
+    /// end before (each write waits for the disk), what it says of its share is so, and the next goes on.
+    fn end(mut self) -> Count {
+        const TRIES: usize = 5;
+        for _ in 0..TRIES {
+            let said = self.stopped();
+            let Some(line) = said.lines().find(|line| line.starts_with(BEFORE)) else {
+                assert_eq!((self.operator.read(), self.share), (self.base, 0), "{said}");
+                return self.count;
+            };
+            // What was sent last may be unverified: then it says what was verified before that.
+            let (told, apart) = match reported(line, "holds ") {
+                Some(now) => (now, 0),
+                None => (reported(line, "held ").unwrap(), STEP),
+            };
+            assert!((told - self.share).abs() <= apart, "{} in truth: {said}", self.share);
+        }
+        panic!("{TRIES} times in a row it did not come to its end");
+    }
+
+    /// What a gateway says that arms and is asked to stop.
+    fn stopped(&mut self) -> String {
+        let mut gateway = self.run(&self.up);
+        if !gateway.hears_one_of(&["armed, starting from", QUESTION, FIRST]).contains("armed, starting") {
+            gateway.killed();
+            self.answer();
+            gateway = self.run(&self.up);
+            gateway.hears("armed, starting from");
+        }
+        gateway.signal("TERM");
+        gateway.ends_within(process::PATIENCE);
+        self.operator.read();
+        self.count_on();
+        gateway.said.join("\n")
+    }
+}
+
+/// A machine on a thread of its own, because its devices must answer while a gateway is killed.
+fn lane(seed: u64) -> Count {
+    let (tell, here) = channel();
+    let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
+    let devices = std::thread::spawn(move || {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(async {
+            let text = PROFILE.replace("ADDRESS", "127.0.0.1:1502").replace("OFFSET", "0.0");
+            let profile = isotherm_profile::parse(Path::new("joint.toml"), &text, &[], &[]).unwrap().profile;
+            let setup = Setup { ports: Ports::Free, journal: true, ..Setup::default() };
+            let machine = VirtualMachine::start(&profile, setup, &Clock::wall()).await.unwrap();
+            tell.send((machine.window(), machine.addresses()[0].1.parse().unwrap())).unwrap();
+            let _ = stopped.await;
+        });
+    });
+    let (window, address) = here.recv().unwrap();
+    let mut lane = Lane::new(seed, window, address);
+    for _ in 0..KILLS {
+        lane.live_and_die();
+    }
+    let count = lane.end();
+    drop(stop);
+    devices.join().unwrap();
+    count
+}
+
+#[test]
+fn killed_at_a_thousand_instants_no_share_is_ever_lost_or_doubled() {
+    let lanes: Vec<_> = (0..LANES).map(|seed| std::thread::spawn(move || lane(seed))).collect();
+    let counts: Vec<Count> = lanes.into_iter().map(|lane| lane.join().unwrap()).collect();
+    let sum = |of: fn(&Count) -> u64| counts.iter().map(of).sum::<u64>();
+    let all = Count {
+        kills: sum(|count| count.kills),
+        writes: sum(|count| count.writes),
+        armed: sum(|count| count.armed),
+        edits: sum(|count| count.edits),
+        arrived: sum(|count| count.arrived),
+        outstanding: sum(|count| count.outstanding),
+        questions: sum(|count| count.questions),
+    };
+    println!("{all:?}");
+    assert_eq!(all.kills, 1000);
+    // The instants that matter were among them.
+    assert!(all.armed > 300 && all.edits > 150 && all.arrived > 3 && all.outstanding > 3, "{all:?}");
+}

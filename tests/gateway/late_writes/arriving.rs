@@ -1,0 +1,234 @@
+//! Writes that a box on the way holds for seconds, and what the register does when they come.
+
+use std::time::Duration;
+
+use isotherm::observe::status::Status;
+
+use crate::late_writes::control::{Control, Fate, Shared};
+use crate::late_writes::device::gateway::wait_until;
+use crate::late_writes::rig::{LEDGER, Program, SET, all_at_once, beside, blames_nobody, nobody_is_blamed, profile_of};
+
+/// Warms the bed until 5 µm are asked for, cools it to −2 µm while the write is held, and lets it arrive.
+fn held(late: &str, span: Duration, more: &str) -> (Shared, Status) {
+    let control = Control::of(move |write| if write == 3 { Fate::Held(span) } else { Fate::Done });
+    let text = profile_of(&control, late, more);
+    let seen = control.clone();
+    let status = beside(&text, move |source| {
+        wait_until(source, "the write is held", |_| seen.lock().unwrap().writes >= 4);
+        seen.lock().unwrap().words[0] = 180;
+        std::thread::sleep(span + Duration::from_millis(500));
+        wait_until(source, "it follows", |status| {
+            seen.lock().unwrap().offset() == -20 && status.axes[0].state == "active"
+        });
+    });
+    (control, status)
+}
+
+#[test]
+fn a_write_that_is_held_and_comes_late_moves_the_register_by_a_step_at_most_and_is_known_as_ours() {
+    let kinds = ["", "refresh = \"1s\"\n", LEDGER, SET];
+    all_at_once(kinds.into_iter().map(|more| {
+        move || {
+            let (control, status) = held("4s", Duration::from_millis(2500), more);
+            nobody_is_blamed(&control, &status, more);
+        }
+    }));
+}
+
+/// What becomes of the program while its write is held.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Killed {
+    Never,
+    /// As soon as the write has come, before anything is known of it.
+    AtOnce,
+    /// When nobody has answered it.
+    Later,
+}
+
+const KILLS: [Killed; 3] = [Killed::Never, Killed::AtOnce, Killed::Later];
+
+/// What the output is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    /// A register of ours alone, of which the profile says this as well.
+    Whole(&'static str),
+    /// One that cannot be read.
+    Unread(&'static str),
+    Shared,
+    Set,
+}
+
+const REFRESH: &str = "refresh = \"1s\"\n";
+const ECHO: &str = "verify = \"echo\"\n";
+const ECHO_AND_REFRESH: &str = "verify = \"echo\"\nrefresh = \"1s\"\n";
+const KINDS: [Kind; 8] = [
+    Kind::Whole(""),
+    Kind::Whole(REFRESH),
+    Kind::Whole(ECHO),
+    Kind::Whole(ECHO_AND_REFRESH),
+    Kind::Unread(ECHO),
+    Kind::Unread(ECHO_AND_REFRESH),
+    Kind::Shared,
+    Kind::Set,
+];
+/// The same unit, of which nothing can be read.
+const BLIND: &str =
+    "[device.blind]\nbus = \"cell\"\nunit = 1\nevery = \"100ms\"\nfunctions = [\"write-single\"]\n";
+/// Left out of a profile, `late` is as long.
+const LATE: &str = "30s";
+
+impl Kind {
+    fn profile(self, control: &Shared) -> String {
+        match self {
+            Kind::Whole(more) => profile_of(control, LATE, more),
+            Kind::Unread(more) => {
+                let text = profile_of(control, LATE, more) + BLIND;
+                text.replace("device = \"cnc\"\nwrites", "device = \"blind\"\nwrites")
+            }
+            Kind::Shared => profile_of(control, LATE, LEDGER),
+            Kind::Set => profile_of(control, LATE, SET),
+        }
+    }
+}
+
+/// A write was held, and has come.
+struct Came {
+    name: String,
+    control: Shared,
+    program: Program,
+}
+
+impl Came {
+    /// The fourth write, on the way to 5 µm, is held for so many seconds, while −2 µm are asked for; where that is longer than
+    /// `late`, until the axis has gone there.
+    fn after(span: u64, kind: Kind, killed: Killed) -> Came {
+        let name = format!("{span} s, {kind:?}, killed {killed:?}");
+        let fate = move |write| if write == 3 { Fate::Held(Duration::from_secs(span)) } else { Fate::Done };
+        let control = Control::of(fate);
+        control.lock().unwrap().comes_over = (span > 30).then_some(-20);
+        let mut program = Program::start(&kind.profile(&control));
+        program.waits_until(&name, || control.lock().unwrap().writes >= 4);
+        control.lock().unwrap().words[0] = 180;
+        if killed == Killed::Later {
+            std::thread::sleep(Duration::from_secs(1));
+        }
+        if killed != Killed::Never {
+            program = program.starts_again_after_a_kill();
+        }
+        program.waits_until(&name, || control.lock().unwrap().late.is_some());
+        Came { name, control, program }
+    }
+
+    #[track_caller]
+    fn arrives(&mut self, at: i16) {
+        let control = self.control.clone();
+        self.program.waits_until(&self.name, || control.lock().unwrap().offset() == at);
+    }
+
+    /// Where it stands now it stays. What the program has said from its start on.
+    fn ends(self) -> (String, Shared, Vec<String>) {
+        let stands = self.control.lock().unwrap().offset();
+        std::thread::sleep(Duration::from_secs(2));
+        let said = self.program.ends();
+        let control = self.control.lock().unwrap();
+        assert_eq!(control.offset(), stands, "{}: {said:#?}", self.name);
+        println!(
+            "{}: came as {:?}, {:?}, told {:?}",
+            self.name,
+            control.late,
+            control.stood,
+            reported(&said)
+        );
+        drop(control);
+        (self.name, self.control, said)
+    }
+}
+
+/// How often it said that the write came late, that it was perhaps its own, and that it waits.
+fn reported(said: &[String]) -> [usize; 3] {
+    let count = |text| said.iter().filter(|line| line.contains(text)).count();
+    ["arrived late", "perhaps our own", "waiting for a late write"].map(count)
+}
+
+/// Held for less than `late`.
+fn in_time(span: u64, kind: Kind, killed: Killed) {
+    let mut came = Came::after(span, kind, killed);
+    came.arrives(-20);
+    let (name, control, said) = came.ends();
+    control.lock().unwrap().never_jumped();
+    blames_nobody(&name, &said);
+    assert!(reported(&said)[2] > 0, "{name}: {said:#?}");
+    if !matches!(kind, Kind::Unread(_)) && control.lock().unwrap().is_late_read {
+        assert!(reported(&said)[0] + reported(&said)[1] > 0, "{name}: {said:#?}");
+    }
+}
+
+/// Held for longer than `late`: what it does then nobody can prevent, and what it has done is found where that can be.
+fn too_late(kind: Kind, killed: Killed) {
+    let mut came = Came::after(35, kind, killed);
+    let (stood, late) = came.control.lock().unwrap().late.unwrap();
+    let mut jumps = vec![(stood, late)];
+    let is_known = match (kind, killed) {
+        (Kind::Unread(ECHO), _) => {
+            // What nobody reads stands there until it is written again.
+            jumps.push((late, -30));
+            false
+        }
+        (Kind::Unread(_), _) => {
+            came.arrives(stood);
+            jumps.push((late, stood));
+            false
+        }
+        (Kind::Shared, _) => {
+            // A person says whose it is and makes it right; his edit is no jump of ours, and undoes this one.
+            came.program.running.hears("are taken to be ours");
+            came.is_left_alone();
+            came.control.lock().unwrap().edits(stood - late);
+            jumps = vec![(2 * stood - late, stood)];
+            came.program.is_armed();
+            false
+        }
+        (_, Killed::AtOnce) => {
+            // One that it knew nothing of when it was killed may be anybody's; where the kill came a moment later, it knew.
+            let said = came.program.running.hears_one_of(&["somebody else wrote", "arrived late"]);
+            if said.contains("somebody else wrote") {
+                came.is_left_alone();
+                let (name, control, _) = came.ends();
+                return assert_eq!(control.lock().unwrap().jumps(), jumps, "{name}");
+            }
+            true
+        }
+        _ => true,
+    };
+    came.control.lock().unwrap().words[0] = 170;
+    came.arrives(-30);
+    let (name, control, said) = came.ends();
+    assert_eq!(control.lock().unwrap().jumps(), jumps, "{name}");
+    if is_known {
+        blames_nobody(&name, &said);
+        assert!(reported(&said)[0] > 0, "{name}: {said:#?}");
+    }
+}
+
+impl Came {
+    /// No offset is written.
+    #[track_caller]
+    fn is_left_alone(&self) {
+        let stands = self.control.lock().unwrap().offset();
+        std::thread::sleep(Duration::from_secs(1));
+        assert_eq!(self.control.lock().unwrap().offset(), stands, "{}", self.name);
+    }
+}
+
+#[test]
+fn however_long_a_write_is_held_it_moves_the_register_by_a_step_or_after_late_is_found_also_after_a_kill() {
+    let cases = KINDS.into_iter().flat_map(|kind| KILLS.map(|killed| (kind, killed)));
+    all_at_once(cases.flat_map(|(kind, killed)| {
+        [8, 19, 35].map(|span| {
+            move || match span {
+                35 => too_late(kind, killed),
+                _ => in_time(span, kind, killed),
+            }
+        })
+    }));
+}

@@ -1,0 +1,265 @@
+//! A serial server that buffers: RTU through a socket, whose questions and answers are handed on late and in lumps,
+//! whoever is connected then and whatever he has asked meanwhile.
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::sync::mpsc::channel;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+use isotherm::gateway::{Options, Pace};
+use isotherm::observe::status::Status;
+use isotherm_core::quantity::Moment;
+
+use crate::late_writes::control::{Control, Shared};
+use crate::late_writes::device::gateway::{self, wait_until};
+use crate::late_writes::device::server::Question;
+use crate::late_writes::rig::{LEDGER, all_at_once, nobody_is_blamed};
+
+/// Two units, and two registers of each: whichever answer is taken for another's, it is a wrong one.
+const PROFILE: &str = r#"
+[machine]
+name = "buffered"
+[bus.line]
+type = "modbus-rtu-over-tcp"
+address = "ADDRESS"
+timeout = "1500ms"
+late = "8s"
+[device.module]
+bus = "line"
+unit = 2
+every = "1600ms"
+quirks = { one_request_per_field = true }
+[device.cnc]
+bus = "line"
+unit = 1
+every = "1600ms"
+[signal.bed]
+device = "module"
+register = "holding:0"
+type = "i16"
+scale = 0.1
+unit = "degC"
+max_age = "30s"
+[signal.air]
+device = "module"
+register = "holding:1"
+type = "i16"
+scale = 0.1
+unit = "degC"
+max_age = "30s"
+"#;
+
+const AXIS: &str = r#"
+[axis.NAME]
+limit = 40.0
+step = 1.0
+rate = 100.0
+every = "1600ms"
+on_fault = { action = "hold" }
+[[axis.NAME.model]]
+name = "one"
+kind = "linear"
+terms = [ { signal = "bed", gain = GAIN, reference = 20.0 } ]
+[output.cnc_NAME]
+axis = "NAME"
+device = "cnc"
+writes = "offset"
+register = "holding:REGISTER"
+type = "i16"
+scale = 0.1
+"#;
+
+/// What is kept, and which question it is about.
+#[derive(Clone, Copy, Debug)]
+struct Keeps {
+    what: What,
+    about: About,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum What {
+    /// The question, from the unit.
+    Question,
+    /// The answer, from whoever is connected; and every later one until it goes.
+    Answer,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum About {
+    Temperature,
+    Look,
+    Write,
+}
+
+/// Every third of these, and not more of them than a test has time for, for so long: more than a timeout, less than the four
+/// that a late answer may take. The longest comes when a gateway that did not wait for it would have asked again.
+const EACH: usize = 3;
+const MOST: usize = 2;
+const SPANS: [Duration; 3] =
+    [Duration::from_millis(2000), Duration::from_millis(3000), Duration::from_millis(4600)];
+
+/// A profile has no period shorter than a timeout: what it asks for in one is nothing to this line otherwise.
+const PACE: Duration = Duration::from_millis(200);
+
+/// One exchange with a unit takes so long.
+const EXCHANGE: Duration = Duration::from_millis(20);
+
+/// The server's end of the socket.
+#[derive(Default)]
+struct Out {
+    newest: Option<TcpStream>,
+    kept: Vec<u8>,
+    until: Moment,
+}
+
+impl Out {
+    fn passes_on(&mut self, now: Moment) {
+        if now >= self.until && !self.kept.is_empty() {
+            let lump = std::mem::take(&mut self.kept);
+            // To one who has just gone nothing can be said.
+            let _ = self.newest.as_mut().map(|stream| stream.write_all(&lump));
+        }
+    }
+}
+
+/// The serial server before this control; how often it has kept something.
+fn serve(control: &Shared, keeps: Keeps) -> (SocketAddr, Arc<Mutex<usize>>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let (out, count) = (Arc::new(Mutex::new(Out::default())), Arc::new(Mutex::new(0)));
+    let (bytes, line) = channel::<Vec<u8>>();
+    let accepting = out.clone();
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            let mut stream = stream.unwrap();
+            stream.set_nodelay(true).unwrap();
+            accepting.lock().unwrap().newest = Some(stream.try_clone().unwrap());
+            let bytes = bytes.clone();
+            std::thread::spawn(move || {
+                let mut some = [0; 256];
+                while let Ok(count @ 1..) = stream.read(&mut some) {
+                    bytes.send(some[..count].to_vec()).unwrap();
+                }
+            });
+        }
+    });
+    let passing = out.clone();
+    std::thread::spawn(move || {
+        loop {
+            passing.lock().unwrap().passes_on(Clock::wall().now());
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    });
+    let (control, counted) = (control.clone(), count.clone());
+    std::thread::spawn(move || {
+        let (mut waiting, mut seen) = (Vec::new(), 0);
+        for some in line {
+            waiting.extend(some);
+            while let Some(question) = Question::of_rtu(&mut waiting, 0) {
+                let span = (about(&question) == keeps.about).then(|| next(&mut seen, &counted)).flatten();
+                if let Some(span) = span.filter(|_| keeps.what == What::Question) {
+                    std::thread::sleep(span);
+                }
+                std::thread::sleep(EXCHANGE);
+                let answer = carry_out(&question, &control);
+                let mut out = out.lock().unwrap();
+                if let Some(span) = span.filter(|_| keeps.what == What::Answer) {
+                    out.until = Clock::wall().now().after(span);
+                }
+                out.kept.extend(answer);
+            }
+        }
+    });
+    (address, count)
+}
+
+/// How long this one is kept, of those that are.
+fn next(seen: &mut usize, count: &Mutex<usize>) -> Option<Duration> {
+    *seen += 1;
+    let mut count = count.lock().unwrap();
+    let keeps = seen.is_multiple_of(EACH) && *count < MOST;
+    *count += usize::from(keeps);
+    keeps.then(|| SPANS[*count % SPANS.len()])
+}
+
+fn about(question: &Question) -> About {
+    match (question.is_read(), question.unit) {
+        (true, 2) => About::Temperature,
+        (true, _) => About::Look,
+        (false, _) => About::Write,
+    }
+}
+
+fn carry_out(question: &Question, control: &Shared) -> Vec<u8> {
+    let mut control = control.lock().unwrap();
+    if question.is_read() {
+        let pdu = control.read(question);
+        return question.answer(&pdu);
+    }
+    control.put(question.from(), &question.words());
+    question.answer(&question.done())
+}
+
+/// Up to 5 µm and down to −2 µm, the other axis the other way.
+fn kept(keeps: Keeps, more: &str) {
+    let name = format!("{keeps:?} {more:?}");
+    let control = Control::of(|_| unreachable!());
+    control.lock().unwrap().words[1] = 900;
+    let (address, count) = serve(&control, keeps);
+    let axis = |name: &str, gain: &str, register: &str| {
+        AXIS.replace("NAME", name).replace("GAIN", gain).replace("REGISTER", register) + more
+    };
+    let text = PROFILE.replace("ADDRESS", &address.to_string());
+    let text = text + &axis("z", "1.0", "10") + &axis("y", "-1.0", "11");
+    let seen = control.clone();
+    let stands = move |z: i16| {
+        let control = seen.lock().unwrap();
+        control.offset() == z && *control.beside.last().unwrap() == -z
+    };
+    let cools = control.clone();
+    let directory = tempfile::tempdir().unwrap();
+    let pace = Some(Pace { polls: PACE, axes: PACE });
+    let options = Options { directory: Some(directory.path().to_owned()), pace, ..Options::default() };
+    let status = gateway::beside(&text, options, move |source| {
+        let arrives = |status: &Status, at: i16| {
+            believes_what_is_so(status);
+            stands(at)
+        };
+        wait_until(source, "it arrives", |status| arrives(status, 50));
+        cools.lock().unwrap().words[0] = 180;
+        wait_until(source, "it goes back", |status| arrives(status, -20));
+    });
+    nobody_is_blamed(&control, &status, &name);
+    let control = control.lock().unwrap();
+    println!("{name}: kept {} times, {:?}", count.lock().unwrap(), control.stood);
+    assert_eq!(*count.lock().unwrap(), MOST, "{name}");
+    assert!(turns_once(&control.stood, 50) && turns_once(&control.beside, -50), "{:?}", control.stood);
+}
+
+/// A late answer that was believed would be a temperature that never was.
+#[track_caller]
+fn believes_what_is_so(status: &Status) {
+    let value =
+        |name: &str| status.signals.iter().find(|signal| signal.name == name).and_then(|one| one.value);
+    let is = |value: Option<f64>, may: &[f64]| {
+        value.is_none_or(|value| may.iter().any(|may| (may - value).abs() < 0.01))
+    };
+    assert!(is(value("bed"), &[25.0, 18.0]) && is(value("air"), &[90.0]), "{:?}", status.signals);
+}
+
+/// It goes from zero to there and back, and never the other way.
+fn turns_once(stood: &[i16], at: i16) -> bool {
+    let Some(turn) = stood.iter().position(|value| *value == at) else { return false };
+    let goes = |part: &[i16], way: i16| part.windows(2).all(|pair| (pair[1] - pair[0]).signum() == way);
+    goes(&stood[..=turn], at.signum()) && goes(&stood[turn..], -at.signum())
+}
+
+#[test]
+fn behind_a_serial_server_that_buffers_no_late_answer_is_believed_and_it_arrives_without_a_jump() {
+    let cases = [About::Temperature, About::Look, About::Write].into_iter();
+    let cases = cases.flat_map(|about| [What::Question, What::Answer].map(|what| Keeps { what, about }));
+    let cases = cases.flat_map(|keeps| ["", LEDGER].map(|more| (keeps, more)));
+    all_at_once(cases.map(|(keeps, more)| move || kept(keeps, more)));
+}

@@ -1,0 +1,63 @@
+//! A second gateway on another computer, with the same profile, at the same register.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use crate::late_writes::control::{Control, Fate};
+use crate::late_writes::rig::{LEDGER, Program, profile_of};
+
+const REASON: &str = "a second gateway";
+
+#[test]
+fn two_gateways_at_one_shared_register_both_go_off_and_say_why() {
+    let control = Control::of(|_| Fate::Done);
+    control.lock().unwrap().edits(1200);
+    let text = profile_of(&control, "2s", LEDGER).replace("100ms", "250ms");
+    let mut both = [Program::start(&text), Program::start(&text)];
+    for program in &mut both {
+        program.running.hears("if all of that is your own value");
+        program.is_armed();
+    }
+    // The machine warms and cools until both have seen it.
+    let bed = control.clone();
+    let is_over = Arc::new(AtomicBool::new(false));
+    let is_seen = is_over.clone();
+    let machine = std::thread::spawn(move || {
+        for celsius in [550, 250].into_iter().cycle().take_while(|_| !is_seen.load(Ordering::Relaxed)) {
+            bed.lock().unwrap().words[0] = celsius;
+            std::thread::sleep(Duration::from_secs(6));
+        }
+    });
+    for program in &mut both {
+        program.running.hears(REASON);
+    }
+    is_over.store(true, Ordering::Relaxed);
+    let stands = control.lock().unwrap().offset();
+    machine.join().unwrap();
+    control.lock().unwrap().never_jumped();
+    assert_eq!(control.lock().unwrap().offset(), stands, "nobody writes any more");
+    for program in both {
+        program.ends();
+    }
+}
+
+#[test]
+fn of_two_gateways_at_one_whole_register_the_one_that_finds_the_others_step_goes_off_and_says_why() {
+    let control = Control::of(|_| Fate::Done);
+    control.lock().unwrap().words[0] = 500;
+    let text = profile_of(&control, "2s", "");
+    let mut first = Program::start(&text);
+    let seen = control.clone();
+    first.waits_until("it has arrived", move || seen.lock().unwrap().offset() == 300);
+    let second = Program::start(&text);
+    std::thread::sleep(Duration::from_secs(3));
+    let goes_on = |control: &crate::late_writes::control::Shared| control.lock().unwrap().words[0] = 520;
+    goes_on(&control);
+    let seen = control.clone();
+    first.waits_until("one of both follows", move || seen.lock().unwrap().offset() == 320);
+    let said = [first, second].map(Program::ends);
+    let off: Vec<_> = said.iter().filter(|lines| lines.iter().any(|line| line.contains(REASON))).collect();
+    assert_eq!(off.len(), 1, "{said:#?}");
+    control.lock().unwrap().never_jumped();
+}

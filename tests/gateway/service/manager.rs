@@ -1,0 +1,57 @@
+//! A service manager as systemd is one: a socket that hears what a service tells.
+
+use std::os::unix::net::UnixDatagram;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+
+use crate::service::process::PATIENCE;
+
+pub(crate) struct Manager {
+    said: Receiver<String>,
+    pub(crate) path: PathBuf,
+    /// Each datagram, in the order in which they came.
+    pub(crate) heard: Vec<String>,
+}
+
+impl Manager {
+    pub(crate) fn listen(home: &Path) -> Manager {
+        let path = home.join("notify");
+        let socket = UnixDatagram::bind(&path).unwrap();
+        let (says, said) = channel();
+        // At once, as systemd does: ten may wait, and what comes then is lost.
+        std::thread::spawn(move || {
+            let mut bytes = [0; 4096];
+            while let Ok(length) = socket.recv(&mut bytes)
+                && says.send(String::from_utf8_lossy(&bytes[..length]).into_owned()).is_ok()
+            {}
+        });
+        Manager { said, path, heard: Vec::new() }
+    }
+
+    /// Waits for a datagram with this in it.
+    #[track_caller]
+    pub(crate) fn hears(&mut self, text: &str) -> String {
+        let clock = Clock::wall();
+        let begun = clock.now();
+        while clock.now().since(begun) < PATIENCE {
+            if let Some(told) = self.next().filter(|told| told.contains(text)) {
+                return told;
+            }
+        }
+        panic!("{text:?} was not told; heard: {:#?}", self.heard);
+    }
+
+    /// What has been told and not been heard yet.
+    pub(crate) fn rest(&mut self) -> Vec<String> {
+        std::iter::from_fn(|| self.next()).collect()
+    }
+
+    fn next(&mut self) -> Option<String> {
+        let told = self.said.recv_timeout(Duration::from_millis(200)).ok()?;
+        self.heard.push(told.clone());
+        Some(told)
+    }
+}

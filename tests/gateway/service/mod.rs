@@ -1,0 +1,12 @@
+//! A gateway as a service: what it tells the service manager, and what its unit says.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use crate::support::device;
+mod journal;
+mod manager;
+use crate::support::process;
+mod replaced;
+mod rig;
+mod told;
+mod unit;

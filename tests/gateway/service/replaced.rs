@@ -1,0 +1,235 @@
+//! `isotherm restart --keep`: another program in the place of the gateway that runs, and no register moves.
+
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::time::Duration;
+
+use crate::service::device::What;
+use crate::service::process::{isotherm, until};
+use crate::service::rig::{Service, copy};
+
+const WAY: &str = "step = 1.0";
+const QUICKLY: &str = "step = 20.0";
+
+/// The offset in counts: 40 µm.
+const OFFSET: i16 = 400;
+
+/// What the register was written with since it was looked at last.
+fn changes(service: &Service) -> Vec<(i16, i16)> {
+    let seen = std::mem::take(&mut service.device.state().seen);
+    let written = seen.iter().filter_map(|seen| match seen.what {
+        What::Wrote { from, to } => Some((from, to)),
+        _ => None,
+    });
+    written.filter(|(from, to)| from != to).collect()
+}
+
+/// Stands at 40 µm, or at this many counts with it; what is restarted then has never another count in the register, and
+/// the axis goes on.
+fn nothing_moves(change: impl FnOnce(String) -> String, stands_at: i16, by_hand: bool) {
+    let mut service = Service::start(|text| change(text.replace(WAY, QUICKLY)));
+    if by_hand {
+        until("it is armed", || match service.verb(&["arm"]).status.code() {
+            Some(0) => Ok(()),
+            code => Err(format!("{code:?}")),
+        });
+    }
+    service.device.asks(OFFSET);
+    until("the offset is there", || match service.device.offset() {
+        found if found == stands_at => Ok(()),
+        found => Err(found.to_string()),
+    });
+    changes(&service);
+    for round in 1..=3 {
+        let process = service.gateway.id();
+        let (code, said) = service.restart(&[]);
+        assert_eq!(code, Some(0), "{said}");
+        assert!(said.contains("has taken over; z: compensating"), "{said}");
+        let reloading = service.manager.hears("RELOADING=1");
+        assert!(reloading.contains("MONOTONIC_USEC="), "{reloading}");
+        service.manager.hears("READY=1");
+        assert!(service.manager.heard.iter().all(|told| !told.contains("STOPPING")), "it does not stop");
+        assert_eq!((process, service.gateway.has_ended()), (service.gateway.id(), false));
+        assert_eq!(service.events("started").len(), 1 + round, "{said}");
+        // Time for a few rounds, in which nothing is to be changed.
+        std::thread::sleep(Duration::from_secs(1));
+        assert_eq!((changes(&service), service.device.offset()), (Vec::new(), stands_at), "{said}");
+    }
+    let armed = service.events("armed");
+    assert_eq!(armed.len(), 4, "{armed:#?}");
+    assert!(
+        armed[1..].iter().all(|event| event["data"]["way"] == "restart" && event["data"]["from_um"] == 40.0),
+        "{armed:#?}"
+    );
+    let command = &service.events("command")[usize::from(by_hand)];
+    assert!(command["text"].as_str().unwrap().starts_with("restart, by "), "{command}");
+    service.device.asks(OFFSET + 100);
+    until("it follows", || match changes(&service).last() {
+        Some(_) => Ok(()),
+        None => Err(service.device.offset().to_string()),
+    });
+}
+
+#[test]
+fn a_register_of_ours_is_never_another_count() {
+    nothing_moves(|text| text, OFFSET, false);
+}
+
+#[test]
+fn a_register_shared_with_an_operator_is_never_another_count() {
+    nothing_moves(
+        |text| text.replace("\"holding:10\"\n", "\"holding:10\"\nshare = \"ledger\"\n"),
+        OFFSET,
+        false,
+    );
+}
+
+#[test]
+fn a_corrected_position_is_never_another_count() {
+    // The position comes from the same register, 0.1 µm a count, so that position and Cz are the same.
+    let position = "[signal.scale]\ndevice = \"cnc\"\nregister = \"holding:0\"\ntype = \"i16\"\nscale = 0.0001\nunit = \"mm\"\n\
+                    max_age = \"2s\"\n[axis.z]";
+    let corrected = |text: String| {
+        let text = text
+            .replace("[axis.z]", position)
+            .replace("writes = \"offset\"", "writes = \"corrected\"\nposition = \"scale\"");
+        let (before, output) = text.split_once("[output.cnc_z]").unwrap();
+        format!("{before}[output.cnc_z]{}", output.replace("scale = 0.1\n", "scale = 0.0001\n"))
+    };
+    nothing_moves(corrected, 2 * OFFSET, false);
+}
+
+#[test]
+fn an_axis_that_a_person_armed_goes_on_armed() {
+    nothing_moves(|text| text.replace("arm = \"auto\"", "arm = \"manual\""), OFFSET, true);
+}
+
+#[test]
+fn an_axis_that_a_person_switched_off_stays_off() {
+    let service = Service::start(|text| text);
+    service.walks_to(50);
+    assert_eq!(service.verb(&["disarm"]).status.code(), Some(0));
+    let (code, said) = service.restart(&[]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("z: off: switched off by a person; arm it again"), "{said}");
+    service.device.asks(200);
+    std::thread::sleep(Duration::from_secs(1));
+    assert_eq!((service.device.offset(), service.events("armed").len()), (50, 1));
+}
+
+#[test]
+fn a_profile_that_is_wrong_leaves_the_old_gateway_running_and_is_an_event() {
+    let mut service = Service::start(|text| text);
+    service.walks_to(50);
+    for (wrong, words) in [("limit = -1.0", "limit"), ("limit = ", "expected")] {
+        service.rewrite(|text| text.replace("limit = 2000.0", wrong));
+        let (code, said) = service.restart(&[]);
+        assert_eq!(code, Some(64), "{said}");
+        assert!(said.contains("walker.toml:") && said.contains(words), "{said}");
+        assert!(said.contains("the gateway goes on as it was"), "{said}");
+        service.rewrite(|text| text.replace(wrong, "limit = 2000.0"));
+    }
+    let refused = service.events("command-refused");
+    assert_eq!(refused.len(), 2, "{refused:#?}");
+    assert!(refused[0]["text"].as_str().unwrap().contains("the profile is wrong"), "{refused:#?}");
+    service.walks_to(80);
+    assert_eq!(service.events("started").len(), 1);
+    let told = service.manager.rest();
+    assert!(told.iter().all(|told| !told.contains("RELOADING") && !told.contains("STOPPING")), "{told:?}");
+    assert!(!service.gateway.has_ended());
+}
+
+#[test]
+fn a_profile_in_which_no_name_can_be_read_is_an_event_of_the_gateway_that_runs_it() {
+    let service = Service::start(|text| text);
+    let whole = std::fs::read_to_string(&service.profile).unwrap();
+    // How many such events there are, once the profile is whole again.
+    let told = || {
+        std::fs::write(&service.profile, &whole).unwrap();
+        let refused = service.events("command-refused");
+        let is_it =
+            |event: &serde_json::Value| event["text"].as_str().unwrap().contains("the profile is wrong");
+        assert!(refused.iter().all(is_it), "{refused:#?}");
+        refused.len()
+    };
+    // Another profile without a name is none of its business.
+    std::fs::write(service.home.path().join("other.toml"), "[machine\n").unwrap();
+    let mut other = isotherm(service.home.path());
+    other.args(["restart", "other.toml", "--keep", "--state"]).arg(service.home.path().join("state"));
+    let other = other.output().unwrap();
+    assert_eq!((other.status.code(), told()), (Some(64), 0), "{other:?}");
+    std::fs::write(&service.profile, "[machine\nname = walker\n").unwrap();
+    let (code, said) = service.restart(&[]);
+    assert_eq!((code, said.contains("the gateway goes on as it was"), told()), (Some(64), true, 1), "{said}");
+    std::fs::remove_file(&service.profile).unwrap();
+    let (code, said) = service.restart(&[]);
+    assert_eq!((code, said.contains("the gateway goes on as it was"), told()), (Some(64), true, 2), "{said}");
+    service.walks_to(30);
+}
+
+#[test]
+fn what_the_running_gateway_would_find_wrong_counts_not_what_the_verb_was_given() {
+    let service = Service::start(|text| text);
+    service.rewrite(|text| text.replace("limit = 2000.0", "limit = -1.0"));
+    let (code, said) = service.restart(&["--set", "axis.z.limit=5.0"]);
+    assert_eq!((code, said.contains("axis.z.limit")), (Some(64), true), "{said}");
+    service.rewrite(|text| text.replace("limit = -1.0", "limit = 2000.0"));
+    assert_eq!(service.events("started").len(), 1);
+    service.walks_to(30);
+}
+
+#[test]
+fn another_machine_s_profile_does_not_take_the_place() {
+    let service = Service::start(|text| text);
+    service.rewrite(|text| text.replace("name = \"walker\"", "name = \"mill\""));
+    let (code, said) = service.restart(&[]);
+    assert_eq!((code, said.contains("no gateway of this machine is running")), (Some(1), true), "{said}");
+    let (code, said) = service.restart(&["--set", "machine.name=walker"]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("is another gateway") && said.contains("goes on as it was"), "{said}");
+    service.rewrite(|text| text.replace("name = \"mill\"", "name = \"walker\""));
+    service.walks_to(30);
+}
+
+#[test]
+fn the_program_that_lies_there_now_takes_over_and_one_that_cannot_run_does_not() {
+    let mut service = Service::start(|text| text);
+    service.walks_to(50);
+    let replace = |text: Option<&str>| {
+        let new = service.home.path().join("new");
+        match text {
+            Some(text) => std::fs::write(&new, text).unwrap(),
+            None => copy(env!("CARGO_BIN_EXE_isotherm"), &new),
+        }
+        std::fs::set_permissions(&new, std::fs::Permissions::from_mode(0o755)).unwrap();
+        std::fs::rename(&new, &service.program).unwrap();
+    };
+    replace(Some("#!/bin/sh\necho 'isotherm: this computer is too old' >&2\nexit 1\n"));
+    let (code, said) = service.restart(&[]);
+    assert_eq!(
+        (code, said.contains("this computer is too old; the gateway goes on")),
+        (Some(1), true),
+        "{said}"
+    );
+    replace(Some("no program at all"));
+    let (code, said) = service.restart(&[]);
+    assert_eq!((code, said.contains("cannot be started")), (Some(1), true), "{said}");
+    replace(None);
+    let (code, said) = service.restart(&[]);
+    assert_eq!(code, Some(0), "{said}");
+    let runs = std::fs::metadata(format!("/proc/{}/exe", service.gateway.id())).unwrap().ino();
+    assert_eq!(runs, std::fs::metadata(&service.program).unwrap().ino(), "the new one runs");
+    assert_eq!(service.device.offset(), 50);
+    service.walks_to(80);
+    service.gateway.signal("TERM");
+    assert_eq!(service.gateway.ends_within(Duration::from_secs(20)).code(), Some(0));
+}
+
+#[test]
+fn where_no_gateway_runs_nothing_is_restarted_and_without_keep_there_is_no_restart() {
+    let mut service = Service::start(|text| text);
+    assert_eq!(service.verb(&["restart"]).status.code(), Some(2));
+    service.gateway.signal("TERM");
+    service.gateway.ends_within(Duration::from_secs(20));
+    let (code, said) = service.restart(&[]);
+    assert_eq!((code, said.contains("no gateway of this machine is running")), (Some(1), true), "{said}");
+}

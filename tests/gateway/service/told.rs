@@ -1,0 +1,63 @@
+//! What the service manager is told, from the start to the end.
+
+use std::time::Duration;
+
+use crate::service::process::free_port;
+use crate::service::rig::Service;
+
+#[test]
+fn a_gateway_is_ready_when_its_lines_were_tried_and_says_in_words_what_it_does() {
+    let mut service = Service::start(|text| text);
+    assert!(service.manager.heard.iter().all(|told| !told.contains("STOPPING")));
+    service.manager.hears("WATCHDOG=1");
+    service.walks_to(50);
+    assert_eq!(service.verb(&["disarm"]).status.code(), Some(0));
+    // On a busy computer an answer of the device may have been lost before.
+    service.manager.hears("STATUS=z off\n");
+    // The first words may have come with or after the readiness.
+    let heard = service.manager.heard.join("");
+    assert!(heard.contains("STATUS=z compensating\n"), "{heard}");
+    let again = service.manager.rest();
+    assert!(again.iter().all(|told| !told.contains("STATUS=")), "only what is new is told: {again:?}");
+}
+
+#[test]
+fn a_device_that_is_absent_keeps_no_gateway_from_being_started_and_is_named() {
+    let nobody = format!("127.0.0.1:{}", free_port());
+    let mut service = Service::start(|text| {
+        let (before, after) = text.split_once("address = \"").unwrap();
+        let (_, after) = after.split_once('"').unwrap();
+        format!("{before}address = \"{nobody}\"{after}")
+    });
+    let heard = service.manager.heard.join("") + &service.manager.hears("WATCHDOG=1");
+    assert!(heard.contains("STATUS=z waiting to arm; no answer from cnc\n"), "{heard}");
+}
+
+#[test]
+fn a_stop_asks_for_the_time_that_its_fault_actions_take_until_they_are_over() {
+    let mut service = Service::start(|text| text.replace("\"hold\"", "\"zero\""));
+    service.walks_to(400);
+    service.gateway.signal("TERM");
+    let stopping = service.manager.hears("STOPPING=1");
+    assert!(stopping.contains("STATUS=stopping: the fault actions run\n"), "{stopping}");
+    // Whether it comes to zero in time, on a computer that does not stand still meanwhile, is asked elsewhere.
+    let _ = service.gateway.ends_within(Duration::from_secs(60));
+    let told = service.manager.rest();
+    let span = |told: &String| told.trim().strip_prefix("EXTEND_TIMEOUT_USEC=")?.parse().ok();
+    let spans: Vec<u64> = told.iter().filter_map(span).collect();
+    // Forty steps of 0.1 s, and 10 s to keep what is to be kept.
+    assert!(spans.len() >= 2, "asked for again and again: {told:?}");
+    assert!(spans[0] > 14_000_000 && spans.windows(2).all(|pair| pair[1] < pair[0]), "{spans:?}");
+    assert!(told.iter().all(|told| !told.contains("RELOADING")));
+}
+
+#[test]
+fn a_stop_that_holds_is_short_and_says_so() {
+    let mut service = Service::start(|text| text.replace("[bus.cell]", "on_stop = \"hold\"\n[bus.cell]"));
+    service.walks_to(200);
+    service.gateway.signal("TERM");
+    let stopping = service.manager.hears("STOPPING=1");
+    assert!(stopping.contains("STATUS=stopping: the registers keep what they hold\n"), "{stopping}");
+    let status = service.gateway.ends_within(Duration::from_secs(10));
+    assert_eq!((status.code(), service.device.offset()), (Some(0), 200), "{:?}", service.gateway.said);
+}

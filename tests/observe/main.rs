@@ -1,0 +1,13 @@
+//! The page, the API, metrics and everything that is published.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on fails")]
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod http;
+#[cfg(feature = "mqtt")]
+mod mqtt;
+mod notify;
+mod page;
+mod prometheus;

@@ -1,0 +1,159 @@
+//! Sparkplug B, held against a host that is not ours: births, sequence, rebirth, death, and a gap that arrives as historical.
+
+use std::io::Write;
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+use serde_json::Value;
+
+use super::away::away;
+use super::broker::Broker;
+use super::machine::{Machine, SIGNALS};
+use super::process::{PATIENCE, Running, until};
+
+fn mqtt(broker: &Broker) -> String {
+    format!(
+        "[mqtt]\nbroker = \"mqtt://127.0.0.1:{}\"\nformat = \"sparkplug-b\"\ngroup = \"plant-1\"\nevery = \"200ms\"\n\
+         commands = [\"measured\"]\n",
+        broker.port
+    )
+}
+
+/// pysparkplug, as a host.
+struct Host(Running);
+
+impl Host {
+    fn of(broker: &Broker) -> Host {
+        let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
+        let python = target.join("tools/venv/bin/python");
+        assert!(python.exists(), "pysparkplug is not installed: `tests/run mqtt` does it");
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop/sparkplug_host.py");
+        let mut command = Command::new(python);
+        command.arg("-u").arg(script).args([&broker.port.to_string(), "plant-1", "press"]);
+        let mut host = Host(Running::start(&mut command));
+        host.0.hears("listens");
+        host
+    }
+
+    fn asks(&mut self, what: &str) {
+        writeln!(self.0.stdin(), "{what}").unwrap();
+    }
+
+    /// The next message of this kind.
+    fn hears(&mut self, kind: &str) -> Value {
+        let line = self.0.hears(&format!("{{\"kind\": \"{kind}\""));
+        serde_json::from_str(&line).unwrap_or_else(|error| panic!("{error}: {line}"))
+    }
+
+    /// Every rule was held so far.
+    #[track_caller]
+    fn finds_nothing_wrong(&mut self) {
+        let wrong: Vec<&String> =
+            self.0.so_far().iter().filter(|line| !line.starts_with(['{', 'l'])).collect();
+        assert!(wrong.is_empty(), "{wrong:#?}");
+    }
+}
+
+#[test]
+fn a_host_that_is_not_ours_takes_births_sequence_rebirth_and_death() {
+    let broker = Broker::open();
+    let mut host = Host::of(&broker);
+    let mut machine = Machine::with(&mqtt(&broker));
+    let birth = host.hears("NBIRTH");
+    let names = birth["metrics"].as_object().unwrap();
+    for name in
+        ["axis/z/cz_um", "axis/z/state", "signal/bed99/value", "gateway/ready", "Node Control/Rebirth"]
+    {
+        assert!(names.contains_key(name), "{name} is not in {names:?}");
+    }
+    assert!(names.len() > 3 * SIGNALS);
+    machine.is_active();
+    let mut numbers = 0;
+    while numbers < 30 {
+        numbers += u64::from(host.hears("NDATA")["historical"] == 0);
+    }
+    host.asks("rebirth");
+    assert_eq!(host.hears("NBIRTH")["bd_seq"], birth["bd_seq"], "the same connection");
+    host.asks("measured z 3.5");
+    until("it is learned from", || {
+        let last = machine.status()["axes"]["z"]["probe"]["last"].clone();
+        if last["error_um"] == 3.5 { Ok(()) } else { Err(last.to_string()) }
+    });
+    host.asks("write axis/z/armed false");
+    until("it is refused", || {
+        let said = machine.verb("events", &["--json"]);
+        if said.contains("\"command-refused\"") { Ok(()) } else { Err(said) }
+    });
+    assert_eq!(machine.status()["axes"]["z"]["armed"], true);
+    machine.running.signal("TERM");
+    assert_eq!(host.hears("NDEATH")["of_birth"], true);
+    assert!(machine.running.ends_within(PATIENCE).success());
+    host.finds_nothing_wrong();
+}
+
+#[test]
+fn a_node_that_is_killed_is_dead_by_its_will_and_born_with_the_next_number() {
+    let broker = Broker::open();
+    let mut host = Host::of(&broker);
+    let machine = Machine::with(&mqtt(&broker));
+    let birth = host.hears("NBIRTH");
+    let again = machine.dies_and_begins();
+    let death = host.hears("NDEATH");
+    assert_eq!((&death["bd_seq"], &death["of_birth"]), (&birth["bd_seq"], &Value::from(true)));
+    let number = |message: &Value| message["bd_seq"].as_u64().unwrap();
+    assert_eq!(number(&host.hears("NBIRTH")), (number(&birth) + 1) % 256);
+    host.finds_nothing_wrong();
+    drop(again);
+}
+
+#[test]
+fn what_happened_while_the_broker_was_dead_arrives_as_historical() {
+    let mut broker = Broker::open();
+    let mut host = Host::of(&broker);
+    let machine = Machine::with(&mqtt(&broker));
+    host.hears("NBIRTH");
+    machine.is_active();
+    let before = host.hears("NDATA");
+    broker.dies();
+    until("it is known to be away", || {
+        let mqtt = machine.status()["mqtt"].clone();
+        if mqtt["connected"] == false { Ok(()) } else { Err(mqtt.to_string()) }
+    });
+    std::thread::sleep(away());
+    let waiting = machine.status()["mqtt"]["queued"].as_u64().unwrap();
+    assert!(waiting > 4, "{waiting} records wait");
+    // The host listens again before the node is born.
+    machine.running.stands_still();
+    broker.starts();
+    host.0.hears("listens");
+    machine.running.goes_on();
+    let birth = host.hears("NBIRTH");
+    // A signal that changes with every look: no second of the gap is without it.
+    let stamps = |message: &Value| -> Vec<u64> {
+        let stamps = message["metrics"]["signal/bed7/value"].as_array();
+        stamps.into_iter().flatten().filter_map(Value::as_u64).collect()
+    };
+    let reborn = stamps(&birth)[0];
+    let mut last = stamps(&before).last().copied();
+    let mut historical: Vec<u64> = Vec::new();
+    while last.is_none_or(|last| last + 3000 < reborn) {
+        let data = host.hears("NDATA");
+        if data["historical"].as_u64().unwrap() > 0 {
+            historical.extend(stamps(&data));
+            last = historical.last().copied();
+        }
+    }
+    let gaps = historical.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
+    let longest = Duration::from_millis(gaps.max().unwrap());
+    println!("{} values of the gap arrive, the longest pause between them is {longest:?}", historical.len());
+    assert!(longest < Duration::from_secs(3), "{longest:?} of the gap are missing");
+    let expected = u64::try_from(away().as_millis()).unwrap() / 1000;
+    assert!(u64::try_from(historical.len()).unwrap() > expected, "{}", historical.len());
+    until("nothing waits any more", || {
+        let queued = machine.status()["mqtt"]["queued"].as_u64().unwrap();
+        if queued == 0 { Ok(()) } else { Err(queued.to_string()) }
+    });
+    assert_eq!(machine.status()["mqtt"]["dropped"], 0);
+    host.finds_nothing_wrong();
+}

@@ -1,0 +1,111 @@
+//! A frozen sensor on the page: a real gateway at a virtual machine, whose time stands still while somebody looks.
+
+use std::path::Path;
+use std::time::Duration;
+
+use isotherm::clock::{Clock, zone};
+use isotherm::gateway::{Gateway, Options};
+use isotherm::observe::http::{Admission, serve};
+use isotherm::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Commands, Profile, parse_with};
+
+use super::look;
+
+const GRINDER: &str = include_str!("../../../profiles/surface-grinder.toml");
+const STAND_INS: &str = r#"{ "format": "isotherm-stand-ins", "version": 1, "sensors": [
+  { "signal": "wheelhead", "threshold": 0.3, "stands_in": true, "terms": [{ "signal": "bed", "lag_s": 0, "gain": 1.2 }] } ] }"#;
+const FROZEN: &str = "[[fault]]\ndevice = \"thermocouples\"\nkind = \"value\"\nsignal = \"wheelhead\"\nvalue = 23.0\nat = \"30min\"";
+
+/// The grinder with one model, which says how wrong it is, and whose wheelhead the bed knows.
+fn grinder() -> Profile {
+    let model = "[[axis.z.model]]
+name = \"rises\"
+kind = \"linear\"
+stand_ins = \"s.json\"
+expected = { since_datum = [0.0, 4.41] }
+terms = [
+  { signal = \"bed\", gain = 2.6, reference = \"start\" },
+  { signal = \"wheelhead\", gain = -2.3, reference = \"start\" },
+]
+";
+    let (before, rest) = GRINDER.split_once("[[axis.z.model]]").unwrap();
+    let (_, after) = rest.split_once("[output.").unwrap();
+    let files = [("s.json", STAND_INS.as_bytes())];
+    let text = format!("{before}{model}\n[output.{after}");
+    parse_with(Path::new("grinder.toml"), &text, &files, &[], &[])
+        .unwrap_or_else(|why| panic!("{why}"))
+        .profile
+}
+
+/// What a browser shows, three hours after the machine began at this hour of its own zone; the sensor froze after half an
+/// hour.
+fn looked_at_from(hour: i8, view: &str, words: &[&str]) -> String {
+    let here = jiff::tz::TimeZone::get(&zone()).unwrap();
+    let begin = jiff::civil::date(2026, 1, 5).at(hour, 0, 0, 0).to_zoned(here).unwrap().timestamp();
+    let begin = Moment::from_nanos(u64::try_from(begin.as_nanosecond()).unwrap());
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let profile = grinder();
+        let clock = Clock::simulated(begin, None);
+        let hold = clock.hold();
+        let plant = PlantSpec::shipped("surface-grinder").unwrap().unwrap();
+        let faults = FaultScript::parse(FROZEN, &profile).unwrap();
+        let setup = Setup { faults, ..Setup::on_free_ports(plant, 1) };
+        let mut machine = VirtualMachine::start(&profile, setup, &clock).await.unwrap();
+        let mut last = clock.join();
+        let gateway = Gateway::new(machine.serving(profile), &clock, Options::default());
+        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let url = format!("http://{}", listener.local_addr().unwrap());
+        let admission = Admission { commands: Commands::Local, ..Admission::default() };
+        tokio::spawn(serve(listener, gateway.source(), admission, std::future::pending()));
+        let (view, words) =
+            (view.to_owned(), words.iter().map(|word| (*word).to_owned()).collect::<Vec<String>>());
+        let look = move || look(&url, &view, &words.iter().map(String::as_str).collect::<Vec<&str>>());
+        drop(hold);
+        let mut text = String::new();
+        let over = async {
+            last.sleep_until(begin.after(Duration::from_hours(3))).await;
+            let _still = clock.hold();
+            text = tokio::task::spawn_blocking(look).await.unwrap();
+            drop(last);
+        };
+        tokio::select! {
+            outcome = gateway.run(over, std::future::pending()) => assert!(!outcome.failed, "{outcome:?}"),
+            error = machine.failure() => panic!("{error}"),
+        }
+        text
+    })
+}
+
+#[test]
+fn who_is_frozen_since_when_and_who_stands_in_is_read_on_the_page_and_on_the_wall() {
+    let whole = "eval:document.documentElement.scrollWidth <= innerWidth";
+    let card = "follows a fallback model: wheelhead frozen since 10:30, taken from 1 other";
+    let first = "Axis z: follows a fallback model (wheelhead frozen since 10:30, taken from 1 other).";
+    // How wrong Cz is was not tried with a sensor that the others say.
+    let untold = "eval:document.querySelector('.expected').textContent === ''";
+    let row = "eval:[...document.querySelectorAll('#signals tr')].some((row) => row.innerText.includes('▲ frozen'))";
+    let words = [first, card, untold, row, "size:390x844", whole];
+    let text = looked_at_from(10, "", &words);
+    // As the gateway told it.
+    assert!(text.contains("axis z: wheelhead frozen for ") && !text.contains("1 others"), "{text}");
+    looked_at_from(10, "/?view=wall", &[first, untold, "size:390x844", whole]);
+}
+
+#[test]
+fn what_is_frozen_since_yesterday_says_the_day() {
+    looked_at_from(22, "", &["wheelhead frozen since 2026-01-05 22:30, taken from 1 other"]);
+}
+
+#[test]
+fn each_language_says_it_in_its_own_words_and_marks_them_as_its_own() {
+    for (language, words) in [
+        ("de", "wheelhead eingefroren seit 10:30, ersetzt aus einem anderen"),
+        ("ja", "wheelhead は 10:30 から固着。他の 1 点から推定"),
+        ("zh", "wheelhead 自 10:30 起冻结，由其他 1 个传感器推算"),
+    ] {
+        let own = format!("eval:document.querySelector('.axis .why span:last-child').lang === '{language}'");
+        looked_at_from(10, "", &[&format!("language:{language}"), words, &own]);
+    }
+}

@@ -1,0 +1,208 @@
+//! Wrong input gets a sentence that says what to do.
+
+use crate::end_to_end::plant::{HEADER, PROFILE, asked, day, identify, rows, with_column, written};
+use crate::end_to_end::process::{file, isotherm};
+
+/// Names and texts.
+type Logs = Vec<(&'static str, String)>;
+
+/// All three verbs refuse the first log with the same sentence.
+#[track_caller]
+fn all_refuse(log: &str, words: &[&str]) {
+    let home = tempfile::tempdir().unwrap();
+    let logs = [("wrong.csv", log.to_owned()), ("two.csv", day(2))];
+    let answers = [
+        identify(home.path(), PROFILE, &logs, &[]),
+        asked(home.path(), &["select", "--error", "z_error_um"], &logs, &[]),
+        asked(home.path(), &["report"], &logs, &[]),
+    ];
+    for answer in answers {
+        assert_eq!(answer.code, Some(1), "{}", answer.said);
+        for word in words {
+            assert!(answer.said.contains(word), "`{word}` is not in: {}", answer.said);
+        }
+        assert!(answer.said.lines().count() <= 5, "it says one thing of a column once: {}", answer.said);
+    }
+}
+
+#[test]
+fn a_log_that_is_no_such_csv_is_reported_with_what_to_write() {
+    all_refuse("", &["wrong.csv, line 1", "the log is empty"]);
+    all_refuse("time,bearing,z_error_um\n", &["there are no rows under the header"]);
+    let with_commas = day(1).replace('.', ",");
+    all_refuse(
+        &with_commas,
+        &["cells under 6 column names, and", "lines more like it", "decimal commas, write points"],
+    );
+    let quoted: Vec<String> = (day(1).lines())
+        .map(|line| {
+            line.split(',')
+                .map(|cell| format!("\"{}\"", cell.replace('.', ",")))
+                .collect::<Vec<_>>()
+                .join(",")
+        })
+        .collect();
+    all_refuse(&quoted.join("\n"), &["wrong.csv, line", "has a decimal comma; write"]);
+    let back = day(1).replace("\n6000,", "\n60,");
+    all_refuse(&back, &["wrong.csv, line 102: time runs back", "--run-column"]);
+    all_refuse(&day(1).replace("time,", "when,"), &["there is no column time", "time_min"]);
+}
+
+#[test]
+fn a_file_in_another_encoding_is_reported_so() {
+    let home = tempfile::tempdir().unwrap();
+    let wide: Vec<u8> =
+        std::iter::once(0xFEFF).chain(day(1).encode_utf16()).flat_map(u16::to_le_bytes).collect();
+    std::fs::write(home.path().join("wide.csv"), wide).unwrap();
+    let answer = asked(home.path(), &["report", "wide.csv"], &[], &[]);
+    assert_eq!(answer.code, Some(1));
+    assert!(answer.said.contains("wide.csv, line 1: this is not UTF-8 text"), "{}", answer.said);
+}
+
+#[test]
+fn a_byte_order_mark_windows_line_ends_and_a_time_that_stands_twice_change_nothing() {
+    let home = tempfile::tempdir().unwrap();
+    let others = [("two.csv", day(2)), ("three.csv", day(3))];
+    let reported = |first: String| {
+        let logs = [&[("one.csv", first)], others.as_slice()].concat();
+        let answer = identify(home.path(), PROFILE, &logs, &["--method", "ols"]);
+        assert_eq!(answer.code, Some(0), "{}", answer.said);
+        answer.out
+    };
+    let plain = reported(day(1));
+    assert_eq!(reported(format!("\u{feff}{}", day(1).replace('\n', "\r\n"))), plain);
+    let line = day(1).lines().nth(100).unwrap().to_owned() + "\n";
+    let twice = reported(day(1).replace(&line, &format!("{line}{line}")));
+    assert_eq!(twice.lines().next(), plain.lines().next());
+}
+
+#[test]
+fn files_that_are_not_there_directories_and_the_same_file_twice_are_reported() {
+    let home = tempfile::tempdir().unwrap();
+    file(home.path(), "plant.toml", PROFILE);
+    let campaign = home.path().join("campaign");
+    std::fs::create_dir_all(&campaign).unwrap();
+    let said = |arguments: &[&str], code: i32| {
+        let answer = asked(home.path(), arguments, &[], &[]);
+        assert_eq!(answer.code, Some(code), "{arguments:?}: {}", answer.said);
+        answer.said + &answer.out
+    };
+    assert!(said(&["report", "nowhere.csv"], 1).contains("nowhere.csv: there is no such file"));
+    let bare = said(&["identify", "plant.toml", "campaign"], 1);
+    assert!(
+        bare.contains("campaign is a directory without a log") && bare.contains("isotherm record"),
+        "{bare}"
+    );
+    for number in 1..=3 {
+        file(&campaign, &format!("day-{number}.csv"), &day(number));
+    }
+    file(&campaign, "notes.txt", "not a log");
+    let whole = said(&["identify", "plant.toml", "campaign"], 0);
+    assert!(whole.contains("day-1") && whole.contains("day-3"), "{whole}");
+    let twice = said(&["select", "--error", "z_error_um", "campaign", "campaign/day-2.csv"], 1);
+    assert!(twice.contains("day-2.csv is named twice"), "{twice}");
+    let swapped = said(&["identify", "campaign/day-1.csv", "campaign/day-2.csv"], 1);
+    assert!(swapped.contains("is a log; the machine's profile comes first"), "{swapped}");
+    assert!(said(&["identify", "plant.toml", "campaign", "--method", "guess"], 2).contains("sparse-lag"));
+    assert!(said(&["identify", "plant.toml", "campaign", "--terms", "0"], 2).contains("--terms"));
+    assert!(
+        said(&["identify", "plant.toml", "campaign", "--axis", "q"], 1)
+            .contains("the profile has no axis `q`")
+    );
+}
+
+#[test]
+fn what_cannot_be_learnt_from_is_reported_by_identify_and_select() {
+    let home = tempfile::tempdir().unwrap();
+    let of = |log: fn(u32) -> String| -> Logs { vec![("one.csv", log(1)), ("two.csv", log(2))] };
+    let fahrenheit = |number: u32| {
+        let mut rows = rows(number);
+        rows.iter_mut().for_each(|row| row[1..4].iter_mut().for_each(|value| *value = *value * 1.8 + 32.0));
+        written(&HEADER, &rows)
+    };
+    let cases: [(Logs, &[&str]); 5] = [
+        (of(fahrenheit), &["°F", "(F − 32) / 1.8"]),
+        (of(|number| with_column(number, 5, |_| 1.0)), &["z_error_um stands still in every run"]),
+        (of(|number| with_column(number, 0, |second| second / 60.0)), &["name the column time_min"]),
+        (of(|number| day(number).replace(",z_error_um", ",left_um")), &["z_error_um", "left_um"]),
+        (
+            vec![("one.csv", day(1)), ("two.csv", day(2).replace(",z_error_um", ",left_um"))],
+            &["two has no number under z_error_um"],
+        ),
+    ];
+    for (logs, words) in cases {
+        for answer in [
+            identify(home.path(), PROFILE, &logs, &[]),
+            asked(home.path(), &["select", "--error", "z_error_um"], &logs, &[]),
+        ] {
+            assert_eq!(answer.code, Some(1), "{words:?}: {}", answer.said);
+            assert!(words.iter().all(|word| answer.said.contains(word)), "{words:?}: {}", answer.said);
+        }
+    }
+    let few = |number: u32| written(&HEADER, &rows(number).into_iter().step_by(150).collect::<Vec<_>>());
+    let logs = [("one.csv", few(1)), ("two.csv", few(2))];
+    let answer = identify(home.path(), PROFILE, &logs, &["--method", "ols", "--keep", "bearing,oil,post"]);
+    assert!(answer.said.contains("terms cannot be learnt from"), "{}", answer.said);
+}
+
+#[test]
+fn one_run_gives_a_model_that_says_what_it_is_worth_and_nothing_to_select_from() {
+    let home = tempfile::tempdir().unwrap();
+    let logs = [("one.csv", day(1))];
+    let answer = identify(home.path(), PROFILE, &logs, &[]);
+    assert_eq!(answer.code, Some(0), "{}", answer.said);
+    assert!(answer.out.contains("nothing could be held out"), "{}", answer.out);
+    let answer = asked(home.path(), &["select", "--error", "z_error_um"], &logs, &[]);
+    assert_eq!(answer.code, Some(1), "{}", answer.said);
+    assert!(answer.said.contains("there is one run only, one") && answer.said.contains("record another day"));
+}
+
+#[test]
+fn logs_with_different_columns_are_taken_with_a_word() {
+    let home = tempfile::tempdir().unwrap();
+    let logs =
+        [("one.csv", day(1).replace(",oil,", ",coolant,")), ("two.csv", day(2)), ("three.csv", day(3))];
+    let answer = identify(home.path(), PROFILE, &logs, &[]);
+    assert_eq!(answer.code, Some(0), "{}", answer.said);
+    assert!(answer.out.contains("one.csv has no column oil"), "{}", answer.out);
+    assert!(
+        answer.out.contains("in the logs, but not in the profile, and so left out: coolant"),
+        "{}",
+        answer.out
+    );
+}
+
+#[test]
+fn a_reader_who_goes_away_is_no_failure() {
+    use std::process::Stdio;
+    let home = tempfile::tempdir().unwrap();
+    let logs: Vec<_> =
+        (1..=4).map(|number| file(home.path(), &format!("{number}.csv"), &day(number))).collect();
+    let mut report = isotherm(home.path());
+    let mut report =
+        report.arg("report").args(logs).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(report.stdout.take());
+    let ended = report.wait_with_output().unwrap();
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+}
+
+#[test]
+fn a_drift_report_remarks_what_cannot_be_meant() {
+    let home = tempfile::tempdir().unwrap();
+    let logs = [
+        ("short.csv", with_column(1, 0, |second| second / 60.0)),
+        ("long.csv", with_column(1, 0, |second| second).replace("time,", "time_min,")),
+        ("still.csv", with_column(1, 5, |_| 0.25)),
+    ];
+    let answer = asked(home.path(), &["report"], &logs, &[]);
+    assert_eq!(answer.code, Some(0), "{}", answer.said);
+    for words in [
+        "note: short lasts 4m 59s",
+        "name the column time_min",
+        "note: long lasts 12days",
+        "name the column time;",
+        "note: z_error_um stands still: was the probe connected?",
+    ] {
+        assert!(answer.out.contains(words), "{words}: {}", answer.out);
+    }
+}

@@ -1,0 +1,14 @@
+//! From logs and meshes to models, sensors and reports.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on fails")]
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod end_to_end;
+#[cfg(feature = "parquet")]
+mod export;
+mod identify;
+mod place;
+mod placement;
+mod report;

@@ -1,0 +1,120 @@
+//! What a newcomer gets wrong ends with a sentence, never with numbers.
+
+use std::path::Path;
+
+use crate::place::column::{Warming, changed, place, write_inputs};
+use crate::place::process::file;
+
+fn home() -> tempfile::TempDir {
+    let home = tempfile::tempdir().unwrap();
+    write_inputs(home.path(), &[Warming::Air]);
+    home
+}
+
+#[track_caller]
+fn refused(home: &Path, arguments: &[&str], words: &[&str]) {
+    let answer = place(home, arguments);
+    assert!(matches!(answer.code, Some(1 | 2)), "{:?}: {}", answer.code, answer.said);
+    assert!(answer.out.is_empty(), "no numbers: {}", answer.out);
+    for word in words {
+        assert!(answer.said.contains(word), "`{word}` is not in: {}", answer.said);
+    }
+}
+
+#[test]
+fn a_set_that_is_not_there_is_reported_with_those_that_are() {
+    let home = home();
+    refused(home.path(), &["air.inp", "--guide", "RAIL"], &["no node set RAIL", "GUIDE", "--guide"]);
+    refused(home.path(), &["air.inp", "--fixed", "FOOT"], &["no node set FOOT", "BASE", "--fixed"]);
+    refused(home.path(), &["air.inp", "--candidates", "OUTER"], &["no node set OUTER", "--candidates"]);
+    refused(home.path(), &["air.inp", "--blocks", "PART"], &["no node set begins with PART", "--cut z=450"]);
+}
+
+#[test]
+fn a_cut_that_is_none_is_reported_with_what_would_be_one() {
+    let home = home();
+    refused(home.path(), &["air.inp", "--cut", "height=3"], &["is no cut", "z=450"]);
+    refused(home.path(), &["air.inp", "--cut", "y=3,5"], &["is no cut"]);
+    refused(home.path(), &["air.inp", "--cut", "y=9000"], &["goes through nothing", "from 0 to 1500 mm"]);
+    refused(home.path(), &["air.inp", "--cut", "y=700:BLK9"], &["no such block", "BLK1, BLK2"]);
+}
+
+#[test]
+fn blocks_that_overlap_or_leave_nodes_out_are_reported_by_their_nodes() {
+    let home = home();
+    // The first line of the first block stands in the second as well; then it stands in none.
+    let line = |text: &str| {
+        let at = text.find("*NSET, NSET=BLK1\n").unwrap() + "*NSET, NSET=BLK1\n".len();
+        text[at..].lines().next().unwrap().to_owned()
+    };
+    changed(home.path(), |text| {
+        let line = line(&text);
+        text.replace("*NSET, NSET=BLK2\n", &format!("*NSET, NSET=BLK2\n{line}\n"))
+    });
+    refused(home.path(), &["air.inp"], &["BLK1 and BLK2 have 10 nodes (", "in common", "exactly one block"]);
+    let home = self::home();
+    changed(home.path(), |text| {
+        let line = line(&text);
+        text.replace(&format!("*NSET, NSET=BLK1\n{line}\n"), "*NSET, NSET=BLK1\n")
+    });
+    refused(home.path(), &["air.inp"], &["10 nodes (", "lie in no block (BLK1, ", "they belong to"]);
+}
+
+#[test]
+fn a_block_too_small_for_the_margin_says_what_helps() {
+    let home = home();
+    refused(
+        home.path(),
+        &["air.inp", "--margin", "900"],
+        &["900 mm away from every other block", "--margin"],
+    );
+    refused(home.path(), &["air.inp", "--margin", "20,5"], &["decimal point"]);
+    refused(home.path(), &["air.inp", "--candidates", "BASE"], &["may carry a sensor", "--candidates"]);
+}
+
+#[test]
+fn files_of_other_structures_or_of_one_name_are_reported() {
+    let home = home();
+    let input = std::fs::read_to_string(home.path().join("air.inp")).unwrap();
+    let mesh = std::fs::read_to_string(home.path().join("structure.inc")).unwrap();
+    file(home.path(), "stiffer.inc", &mesh.replace("110000", "120000"));
+    file(home.path(), "other.inp", &input.replace("structure.inc", "stiffer.inc"));
+    refused(
+        home.path(),
+        &["air.inp", "other.inp"],
+        &["air and other are not one structure", "materials differ"],
+    );
+    refused(home.path(), &["air.inp", "air.inp"], &["a second load case called air"]);
+    refused(
+        home.path(),
+        &["air.inp", "--method", "patent", "--case", "night"],
+        &["no such load case", "air"],
+    );
+    refused(home.path(), &["nowhere.inp"], &["nowhere.inp"]);
+}
+
+#[test]
+fn a_rider_and_a_plant_that_are_none_are_reported() {
+    let home = home();
+    refused(home.path(), &["air.inp", "--rider", "head"], &["`head` is no rider", "head:z=-4.95"]);
+    refused(home.path(), &["air.inp", "--rider", "head:w=1"], &["is no rider"]);
+    refused(home.path(), &["air.inp", "--plant", "air.inp"], &["--modes"]);
+    refused(home.path(), &["--example", "there", "air.inp"], &["--example"]);
+    file(home.path(), "motor.inp", "*HEADING\nmine\n");
+    refused(home.path(), &["--example", "."], &["motor.inp is there already", "name another directory"]);
+    assert!(!home.path().join("mesh.inp").exists(), "all of it or nothing");
+    refused(home.path(), &[], &["CASE.inp"]);
+    let other = home.path().join("air.inp");
+    let text = std::fs::read_to_string(&other).unwrap().replace("structure.inc", "other.inc");
+    file(home.path(), "plant.inp", &text);
+    let mesh = std::fs::read_to_string(home.path().join("structure.inc")).unwrap();
+    file(home.path(), "other.inc", &mesh.replace("110000", "210000"));
+    let asked = ["air.inp", "--plant", "plant.inp", "--modes", "modes.json"];
+    refused(home.path(), &asked, &["air and plant are not one structure", "their materials differ"]);
+    let engine = ["air.inp", "--plant", "air.inp", "--modes", "modes.json", "--engine", "ccx"];
+    refused(
+        home.path(),
+        &engine,
+        &["--modes needs isotherm's own finite elements", "leave --engine ccx out"],
+    );
+}

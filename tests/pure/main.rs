@@ -1,0 +1,9 @@
+//! The two pure steps: no file, no socket, no clock.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on fails")]
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod output;
+mod step_allocates_nothing;

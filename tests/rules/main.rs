@@ -1,0 +1,303 @@
+//! The order of the house: which room may know which, and what stands nowhere.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+#[path = "circles.rs"]
+mod circles;
+#[path = "security.rs"]
+mod security;
+#[path = "source.rs"]
+mod source;
+
+/// Which rooms of its crate each room may import, where Cargo cannot hold it. A name behind `::` narrows it to that part
+/// of the room. `src/lib.rs` and `crates/core/src/lib.rs` draw the same.
+const ARROWS: [(&str, &str, &[&str]); 14] = [
+    ("crates/core", "border", &[]),
+    ("crates/core", "quantity", &[]),
+    ("crates/core", "reading", &["quantity"]),
+    ("crates/core", "codec", &["quantity", "reading"]),
+    ("crates/core", "compensation", &["border", "quantity", "reading"]),
+    ("crates/core", "output", &["quantity"]),
+    ("", "clock", &[]),
+    ("", "tls", &[]),
+    ("", "fieldbus", &["clock", "tls"]),
+    ("", "observe", &["clock", "tls"]),
+    ("", "gateway", &["fieldbus", "clock", "observe::asker", "observe::events", "observe::status"]),
+    ("", "discovery", &["clock", "fieldbus"]),
+    (
+        "",
+        "virtual_machine",
+        &["clock", "fieldbus::can::socket", "fieldbus::canopen::abort", "fieldbus::error"],
+    ),
+    (
+        "",
+        "cli",
+        &[
+            "clock",
+            "fieldbus::explain",
+            "fieldbus::opcua_check",
+            "fieldbus::tls",
+            "gateway",
+            "observe",
+            "virtual_machine",
+            "discovery",
+        ],
+    ),
+];
+
+const TOP: [&str; 16] = [
+    "Cargo.toml",
+    "Cargo.lock",
+    "CONTRIBUTING.md",
+    "rust-toolchain.toml",
+    "README.md",
+    "SECURITY.md",
+    "LICENSE",
+    "CHANGELOG.md",
+    "crates",
+    "src",
+    "profiles",
+    "tests",
+    "benches",
+    "docker",
+    "docs",
+    "packaging",
+];
+
+const LONGEST: usize = 600;
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// What belongs to the project: the files under version control; where there is none, all but build and dot directories.
+fn files() -> Vec<PathBuf> {
+    let listed = Command::new("git").args(["ls-files", "-z"]).current_dir(root()).output();
+    if let Ok(listed) = listed
+        && listed.status.success()
+        && !listed.stdout.is_empty()
+    {
+        let names = String::from_utf8(listed.stdout).unwrap();
+        let names = names.split('\0').filter(|name| !name.is_empty()).map(PathBuf::from);
+        return names.filter(|name| root().join(name).is_file()).collect();
+    }
+    let mut found = Vec::new();
+    gather(root(), &mut found);
+    found.iter().map(|path| path.strip_prefix(root()).unwrap().to_owned()).collect()
+}
+
+fn gather(directory: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(directory).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_str().unwrap().to_owned();
+        if path.is_dir() && name != "target" && name != ".git" {
+            gather(&path, found);
+        } else if path.is_file() {
+            found.push(path);
+        }
+    }
+}
+
+#[test]
+fn every_arrow_points_left() {
+    let mut wrong = Vec::new();
+    for source in source::all(root()) {
+        let Some((_, _, may)) =
+            ARROWS.iter().find(|(home, room, _)| *home == source.home() && *room == source.room())
+        else {
+            continue;
+        };
+        for path in source.crate_paths() {
+            let inside = path.first().is_some_and(|room| room == source.room());
+            let path = path.join("::");
+            let allowed = |known: &&&str| path == **known || path.starts_with(&format!("{known}::"));
+            if !inside && !may.iter().any(|known| allowed(&known)) {
+                wrong.push(format!("{}: crate::{path}", source.path));
+            }
+        }
+        let escapes = source.escapes();
+        wrong.extend(escapes.iter().map(|line| format!("{}: {line}: say crate::", source.path)));
+    }
+    assert!(wrong.is_empty(), "these run the wrong way:\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn the_table_of_arrows_has_no_circle() {
+    // Each room may only know rooms that can be put before it.
+    let mut placed: Vec<(&str, &str)> = Vec::new();
+    while placed.len() < ARROWS.len() {
+        let next = ARROWS.iter().find(|(home, room, may)| {
+            let known = |other: &&str| placed.contains(&(*home, other.split("::").next().unwrap()));
+            !placed.contains(&(*home, *room)) && may.iter().all(known)
+        });
+        let (home, room, _) =
+            next.unwrap_or_else(|| panic!("a circle among the rooms that are not in {placed:?}"));
+        placed.push((*home, *room));
+    }
+}
+
+#[test]
+fn every_room_of_the_program_and_of_core_is_in_the_table_and_on_the_map() {
+    for home in ["", "crates/core"] {
+        let library = std::fs::read_to_string(root().join(home).join("src/lib.rs")).unwrap();
+        let rooms = library.lines().filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(';'));
+        for room in rooms.clone() {
+            let is_there = ARROWS.iter().any(|(known, name, _)| (*known, *name) == (home, room));
+            assert!(is_there, "{room} is not in the table ARROWS");
+            assert!(
+                library.contains(&format!("//! - [`{room}`]")),
+                "{room} is not on the map of {home}/src/lib.rs"
+            );
+        }
+        assert_eq!(rooms.count(), ARROWS.iter().filter(|(known, ..)| *known == home).count());
+    }
+}
+
+#[test]
+fn every_source_file_belongs_to_a_module() {
+    let sources: Vec<String> = source::all(root()).iter().map(|source| source.path.to_string()).collect();
+    let text_of = |path: &str| std::fs::read_to_string(root().join(path)).unwrap_or_default();
+    let orphans = sources.iter().filter(|path| {
+        let (folder, file) = path.rsplit_once('/').unwrap();
+        let name = file.strip_suffix(".rs").unwrap();
+        let is_root = ["lib", "main", "build"].contains(&name);
+        let beside = [format!("{folder}/lib.rs"), format!("{folder}/main.rs"), format!("{folder}.rs")];
+        let declared = format!("mod {name};");
+        !is_root
+            && !beside
+                .iter()
+                .any(|parent| text_of(parent).lines().any(|line| line.trim().ends_with(&declared)))
+    });
+    let orphans: Vec<&String> = orphans.collect();
+    assert!(orphans.is_empty(), "nobody compiles these: {orphans:#?}");
+}
+
+#[test]
+fn no_more_than_three_files_import_each_other() {
+    let circles = circles::larger_than(3, &source::all(root()));
+    let reported: Vec<String> = circles.iter().map(|circle| circle.join("\n  ")).collect();
+    assert!(reported.is_empty(), "circles of imports:\n  {}", reported.join("\nand\n  "));
+}
+
+/// What decides, and what a profile means, is the same wherever it runs.
+#[test]
+fn nothing_in_crates_knows_a_runtime_a_connection_or_a_command_line() {
+    for entry in std::fs::read_dir(root().join("crates")).unwrap() {
+        let manifest = entry.unwrap().path().join("Cargo.toml");
+        let text = std::fs::read_to_string(&manifest).unwrap();
+        for name in ["tokio", "rustls", "clap", "tracing"] {
+            let is_named = text.lines().any(|line| line.starts_with(name));
+            assert!(!is_named, "{} names {name}", manifest.display());
+        }
+    }
+}
+
+#[test]
+fn only_the_clock_knows_what_time_it_is() {
+    let words = ["Instant", "SystemTime"];
+    let wrong: Vec<String> = source::all(root())
+        .iter()
+        .filter(|source| (source.home(), source.room()) != ("", "clock"))
+        .filter(|source| words.iter().any(|word| source.code.contains(word)))
+        .map(|source| source.path.clone())
+        .collect();
+    assert!(wrong.is_empty(), "the time comes from crate::clock, not here: {wrong:?}");
+}
+
+/// `println!` and its like panic where nobody takes what they print.
+#[test]
+fn what_a_verb_prints_goes_through_one_place() {
+    let words = ["println!", "print!(", "stdout().write"];
+    let wrong: Vec<String> = source::all(root())
+        .iter()
+        .filter(|source| source.home().is_empty() && source.path != "src/cli/say.rs")
+        .filter(|source| words.iter().any(|word| source.code.contains(word)))
+        .map(|source| source.path.clone())
+        .collect();
+    assert!(wrong.is_empty(), "what is printed is said by crate::cli::say: {wrong:?}");
+}
+
+#[test]
+fn the_two_pure_steps_touch_nothing_outside_themselves() {
+    let outside = ["tokio", "std::fs", "std::net", "std::io", "std::thread", "std::env", "tracing", "rand"];
+    let is_pure = |room: &str| ["compensation", "output"].contains(&room);
+    for source in source::all(root()).iter().filter(|source| is_pure(source.room())) {
+        for word in outside {
+            assert!(!source.code.contains(word), "{} uses {word}", source.path);
+        }
+    }
+}
+
+#[test]
+fn no_source_file_is_longer_than_a_person_reads_at_once() {
+    for source in source::all(root()) {
+        let lines = source.text.lines().count();
+        assert!(lines <= LONGEST, "{} has {lines} lines, {LONGEST} are allowed: split it", source.path);
+    }
+}
+
+#[test]
+fn nothing_lies_at_the_top_that_does_not_belong_there() {
+    for file in files() {
+        let top = file.iter().next().unwrap().to_str().unwrap().to_owned();
+        assert!(TOP.contains(&top.as_str()) || top.starts_with('.'), "{top} does not belong at the top");
+    }
+}
+
+#[test]
+fn the_project_speaks_of_itself_and_leaves_nothing_for_later() {
+    // Written in two halves, so that this file does not find itself.
+    let words =
+        [concat!("ses", "sion"), concat!("ses", "sions"), concat!("ag", "ent"), concat!("ag", "ents")];
+    let marks = [
+        concat!("/wo", "rk"),
+        concat!("/t", "mp/"),
+        concat!("../sha", "red"),
+        concat!("TO", "DO"),
+        concat!("FIX", "ME"),
+        concat!("to", "do!"),
+        concat!("unimple", "mented!"),
+    ];
+    let mut wrong = Vec::new();
+    for file in files() {
+        // The lock file and the licence are not our words.
+        if ["Cargo.lock", "LICENSE"].iter().any(|name| file == Path::new(name)) {
+            continue;
+        }
+        let Ok(text) = std::fs::read_to_string(root().join(&file)) else { continue };
+        for (number, line) in text.lines().enumerate() {
+            // What OPC UA calls a client's login is that word, and what HTTP calls a client's name.
+            let is_of_opcua = file.to_string_lossy().contains("opcua");
+            let name_in_http = concat!("User-Ag", "ent: ");
+            let spoken = line.replace(name_in_http, "");
+            let mut spoken = spoken.split(|c: char| !c.is_alphanumeric()).map(str::to_lowercase);
+            if marks.iter().any(|mark| line.contains(mark))
+                || spoken.any(|word| {
+                    words.contains(&word.as_str()) && !(is_of_opcua && word.starts_with(words[0]))
+                })
+            {
+                wrong.push(format!("{}:{}: {}", file.display(), number + 1, line.trim()));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "these words do not belong here:\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn every_shipped_profile_is_taken_without_a_word() {
+    let mut count = 0;
+    for entry in std::fs::read_dir(root().join("profiles")).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_str().unwrap();
+        if !name.ends_with(".toml") || name.ends_with(".plant.toml") {
+            continue;
+        }
+        let loaded = isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}"));
+        assert_eq!(loaded.warnings, [], "{name}");
+        count += 1;
+    }
+    assert!(count >= 9, "the shipped machines are gone");
+}

@@ -1,0 +1,160 @@
+//! A gateway on a CAN interface of its own, beside what a test does with it.
+
+use std::path::Path;
+use std::process::Command;
+use std::sync::Arc;
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+use isotherm::fieldbus::can::{Heard, Socket};
+use isotherm::fieldbus::error::Fault;
+use isotherm::gateway::{Gateway, Options};
+use isotherm::observe::status::{SignalStatus, Source, Status};
+
+/// How long anything may take before a test gives up: a kernel in a kernel on a busy computer takes its time.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// The next that comes.
+pub(crate) async fn hear(socket: &Socket) -> Result<Heard, Fault> {
+    loop {
+        if let Some(heard) = socket.hear_now()? {
+            return Ok(heard);
+        }
+        socket.ready().await;
+    }
+}
+
+/// A virtual interface that lives as long as this.
+pub(crate) struct Interface(String);
+
+impl Interface {
+    /// Makes one, which is up.
+    pub(crate) fn new(name: &str) -> Interface {
+        // Only where the runner has made a place for it.
+        crate::can::interface();
+        let interface = Interface::absent(name);
+        interface.appears();
+        interface
+    }
+
+    /// The name of one that is not there.
+    pub(crate) fn absent(name: &str) -> Interface {
+        crate::can::interface();
+        let interface = Interface(name.to_owned());
+        interface.vanishes();
+        interface
+    }
+
+    pub(crate) fn name(&self) -> &str {
+        &self.0
+    }
+
+    pub(crate) fn appears(&self) {
+        shell(&format!("ip link add dev {} type vcan", self.0));
+        self.up();
+    }
+
+    pub(crate) fn vanishes(&self) {
+        let _ = Command::new("ip").args(["link", "del", "dev", &self.0]).output();
+    }
+
+    pub(crate) fn up(&self) {
+        shell(&format!("ip link set dev {} up", self.0));
+    }
+
+    pub(crate) fn down(&self) {
+        shell(&format!("ip link set dev {} down", self.0));
+    }
+
+    /// Sends a frame, written as cansend wants it.
+    pub(crate) fn send(&self, frame: &str) {
+        shell(&format!("cansend {} {frame}", self.0));
+    }
+}
+
+impl Drop for Interface {
+    fn drop(&mut self) {
+        self.vanishes();
+    }
+}
+
+#[track_caller]
+pub(crate) fn shell(command: &str) {
+    let ended = Command::new("sh").args(["-c", command]).output().unwrap();
+    assert!(ended.status.success(), "{command}: {}", String::from_utf8_lossy(&ended.stderr));
+}
+
+/// The profile in this text, with its interface.
+pub(crate) fn load(text: &str, interface: &Interface) -> isotherm_profile::Profile {
+    let text = text.replace("INTERFACE", interface.name());
+    let loaded = isotherm_profile::parse(Path::new("can.toml"), &text, &[], &[]);
+    loaded.unwrap_or_else(|errors| panic!("{errors}")).profile
+}
+
+/// Runs a gateway beside a script; the script's end stops it.
+pub(crate) fn beside(
+    profile: isotherm_profile::Profile,
+    dry_run: bool,
+    script: impl FnOnce(&dyn Source) + Send + 'static,
+) {
+    with_source(profile, dry_run, move |source| script(source.as_ref()));
+}
+
+/// The same for a script whose devices look at the gateway, too.
+pub(crate) fn with_source(
+    profile: isotherm_profile::Profile,
+    dry_run: bool,
+    script: impl FnOnce(Arc<dyn Source>) + Send + 'static,
+) {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let gateway = Gateway::new(profile, &Clock::wall(), Options { dry_run, ..Options::default() });
+        let source = gateway.source();
+        let done = tokio::task::spawn_blocking(move || script(source));
+        let (tell, reported) = tokio::sync::oneshot::channel();
+        let stop = async move { drop(tell.send(done.await)) };
+        gateway.run(stop, std::future::ready(())).await;
+        if let Err(failed) = reported.await.unwrap() {
+            std::panic::resume_unwind(failed.into_panic());
+        }
+    });
+}
+
+/// Looks every few milliseconds until it is so.
+#[track_caller]
+pub(crate) fn wait_until(source: &dyn Source, what: &str, found: impl Fn(&Status) -> bool) -> Status {
+    let clock = Clock::wall();
+    let begun = clock.now();
+    loop {
+        let status = source.status();
+        if found(&status) {
+            return status;
+        }
+        let late = clock.now().since(begun) >= PATIENCE;
+        let bad: Vec<_> = status.signals.iter().map(|one| (&one.name, one.quality, one.value)).collect();
+        assert!(!late, "{what}: {bad:?}\n{:#?}\n{:?}", events(&status), status.devices);
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// What was told, oldest first.
+pub(crate) fn events(status: &Status) -> Vec<&str> {
+    status.events.iter().map(|event| event.text.as_str()).collect()
+}
+
+/// How often this kind of event was told.
+pub(crate) fn count(status: &Status, kind: &str) -> u64 {
+    status.event_counts.get(kind).copied().unwrap_or_default()
+}
+
+pub(crate) fn signal<'a>(status: &'a Status, name: &str) -> &'a SignalStatus {
+    status.signals.iter().find(|signal| signal.name == name).unwrap()
+}
+
+/// The event that has this in it.
+#[track_caller]
+pub(crate) fn reported<'a>(status: &'a Status, part: &str) -> &'a str {
+    let events = events(status);
+    let found = events.iter().find(|event| event.contains(part));
+    found.unwrap_or_else(|| panic!("{part} was not told: {events:#?}"))
+}

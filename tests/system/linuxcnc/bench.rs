@@ -1,0 +1,289 @@
+//! The mill, a thermometer whose temperature a test sets, and the gateway as the program that a person starts.
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::sync::atomic::{AtomicBool, AtomicI16, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use crate::linuxcnc::device::server::{self, Question};
+use crate::linuxcnc::mill::Mill;
+use crate::linuxcnc::modbus;
+use crate::linuxcnc::process::{Running, file, free_port, isotherm, until};
+
+/// As many micrometres are wanted as it is warm: a tenth of a degree is a count. Ten decisions a second.
+const PROFILE: &str = r#"
+[machine]
+name = "mill"
+arm = "auto"
+[bus.sensors]
+type = "modbus-tcp"
+address = "SENSORS"
+timeout = "90ms"
+[bus.control]
+type = "modbus-tcp"
+address = "CONTROL"
+timeout = "90ms"
+late = "2s"
+[device.thermometer]
+bus = "sensors"
+unit = 1
+every = "100ms"
+[device.mill]
+bus = "control"
+unit = 1
+every = "100ms"
+template = "linuxcnc-eoffset"
+[signal.bed]
+device = "thermometer"
+register = "holding:0"
+type = "i16"
+scale = 0.1
+bad = [32767]
+unit = "degC"
+max_age = "1s"
+[signal.taking]
+device = "mill"
+channel = "taking"
+unit = "bool"
+max_age = "1s"
+[axis.z]
+limit = 100.0
+step = 1.0
+rate = 10.0
+deadband = 0.0
+every = "100ms"
+on_fault = { action = "ramp", after = "2s" }
+[[axis.z.model]]
+name = "bed"
+kind = "linear"
+terms = [ { signal = "bed", gain = 1.0, reference = 0.0 } ]
+[output.mill_z]
+axis = "z"
+device = "mill"
+channel = "z"
+refresh = "500ms"
+read_back = { register = "input:6", type = "i32", word_order = "msw-first", scale = 0.1, tolerance = 0.05, settle = "1s" }
+when = "taking == 1"
+[web]
+listen = "PAGE"
+"#;
+
+/// What the thermometer does.
+#[derive(Default)]
+struct Bed {
+    counts: AtomicI16,
+    is_silent: AtomicBool,
+    is_broken: AtomicBool,
+}
+
+/// All of it.
+pub(crate) struct Bench {
+    // The gateway goes before the mill does.
+    pub(crate) gateway: Option<Running>,
+    pub(crate) mill: Mill,
+    home: tempfile::TempDir,
+    bed: Arc<Bed>,
+    page: SocketAddr,
+    said: Vec<String>,
+}
+
+impl Bench {
+    /// A mill that stands, and a gateway that is armed and follows.
+    pub(crate) fn start() -> Bench {
+        let mill = Mill::start();
+        let port = mill.port;
+        Bench::by(mill, port)
+    }
+
+    /// The same, with the control reached at another port.
+    pub(crate) fn by(mill: Mill, control: u16) -> Bench {
+        let bed = Arc::new(Bed::default());
+        let asked = bed.clone();
+        let sensors = server::serve(move |question, stream| answer(&asked, question, stream));
+        let page = SocketAddr::from(([127, 0, 0, 1], free_port()));
+        let text = PROFILE
+            .replace("SENSORS", &sensors.to_string())
+            .replace("CONTROL", &format!("127.0.0.1:{control}"))
+            .replace("PAGE", &page.to_string());
+        let home = tempfile::tempdir().unwrap();
+        file(home.path(), "mill.toml", &text);
+        let mut bench = Bench { gateway: None, mill, home, bed, page, said: Vec::new() };
+        bench.gateway_starts();
+        bench
+    }
+
+    pub(crate) fn gateway_starts(&mut self) {
+        let mut command = isotherm(self.home.path());
+        command.arg("run").arg(self.home.path().join("mill.toml"));
+        command.arg("--state").arg(self.home.path().join("state"));
+        let mut gateway = Running::start(&mut command);
+        gateway.hears("the gateway runs");
+        self.gateway = Some(gateway);
+        self.follows("is active");
+    }
+
+    /// Kills it (SIGKILL).
+    pub(crate) fn gateway_is_killed(&mut self) {
+        self.said.extend(self.gateway.take().unwrap().killed());
+    }
+
+    /// Asks it to stop, and waits until it has.
+    pub(crate) fn gateway_stops(&mut self) {
+        let mut gateway = self.gateway.take().unwrap();
+        gateway.signal("TERM");
+        let exit = gateway.ends_within(crate::linuxcnc::process::PATIENCE);
+        self.said.append(&mut gateway.said);
+        assert!(exit.success(), "{exit}: {:#?}", self.said);
+    }
+
+    /// From now on this is wanted, µm.
+    pub(crate) fn wants(&self, um: f64) {
+        #[allow(clippy::cast_possible_truncation, reason = "tenths of a micrometre")]
+        self.bed.counts.store((10.0 * um).round() as i16, Ordering::SeqCst);
+    }
+
+    pub(crate) fn thermometer_is_silent(&self, silent: bool) {
+        self.bed.is_silent.store(silent, Ordering::SeqCst);
+    }
+
+    pub(crate) fn thermometer_is_broken(&self, broken: bool) {
+        self.bed.is_broken.store(broken, Ordering::SeqCst);
+    }
+
+    /// Waits until Z has this on top of its program, and the register says so.
+    #[track_caller]
+    pub(crate) fn arrives_at(&mut self, um: f64) {
+        let port = self.mill.port;
+        let mill = &mut self.mill;
+        until("Z arrives", || {
+            let (offset, block) = (mill.offset_um(), modbus::block(port));
+            let stands = f64::from(modbus::z(&block)) / 10.0;
+            let is_there = (offset - um).abs() < 1e-3 && (stands - um).abs() < 1e-9;
+            if is_there { Ok(()) } else { Err(format!("{offset} µm, the register {stands}, not {um}")) }
+        });
+    }
+
+    /// Waits until the axis is active.
+    #[track_caller]
+    pub(crate) fn follows(&mut self, what: &str) {
+        self.is_in_state("active", what);
+    }
+
+    #[track_caller]
+    pub(crate) fn is_in_state(&mut self, state: &str, what: &str) {
+        until(what, || {
+            let status = self.status()?;
+            let found = status["axes"][0]["state"].as_str().unwrap_or_default().to_owned();
+            if found == state { Ok(()) } else { Err(format!("{found}: {}", status["events"])) }
+        });
+    }
+
+    /// What the page shows.
+    pub(crate) fn status(&self) -> Result<serde_json::Value, String> {
+        let mut stream = TcpStream::connect(self.page).map_err(|error| error.to_string())?;
+        let request = format!("GET /api/status HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n", self.page);
+        stream.write_all(request.as_bytes()).map_err(|error| error.to_string())?;
+        let mut text = String::new();
+        stream.read_to_string(&mut text).map_err(|error| error.to_string())?;
+        let body = text.split_once("\r\n\r\n").map(|(_, body)| body).unwrap_or_default();
+        serde_json::from_str(body).map_err(|error| format!("{error}: {text}"))
+    }
+
+    /// Everything that gateways have said so far.
+    pub(crate) fn said(&mut self) -> Vec<String> {
+        let now = self.gateway.iter_mut().flat_map(|gateway| gateway.so_far().to_vec());
+        self.said.iter().cloned().chain(now.collect::<Vec<_>>()).collect()
+    }
+
+    /// Nobody is said to have touched anything.
+    #[track_caller]
+    pub(crate) fn blames_nobody(&mut self) {
+        let said = self.said();
+        for blame in ["somebody else wrote", "back at zero", "off:"] {
+            assert!(!said.iter().any(|line| line.contains(blame)), "{blame}: {said:#?}");
+        }
+    }
+}
+
+fn answer(bed: &Bed, question: &Question, stream: &mut TcpStream) -> std::io::Result<()> {
+    if bed.is_silent.load(Ordering::SeqCst) {
+        return Ok(());
+    }
+    let counts = bed.counts.load(Ordering::SeqCst);
+    let counts = if bed.is_broken.load(Ordering::SeqCst) { i16::MAX } else { counts };
+    let pdu = question.read(&[counts.cast_unsigned()]);
+    stream.write_all(&question.answer(&pdu))
+}
+
+/// A way to the component, on which a write can be made to wait while others go on.
+pub(crate) struct Way {
+    pub(crate) port: u16,
+    held: Arc<Mutex<Held>>,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Held {
+    #[default]
+    Nothing,
+    /// The next write is to wait.
+    Next,
+    /// It waits.
+    One,
+}
+
+impl Way {
+    pub(crate) fn to(port: u16) -> Way {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let way = Way { port: listener.local_addr().unwrap().port(), held: Arc::default() };
+        let held = way.held.clone();
+        std::thread::spawn(move || {
+            for near in listener.incoming().map_while(Result::ok) {
+                let far = TcpStream::connect(("127.0.0.1", port)).unwrap();
+                let (back, from) = (near.try_clone().unwrap(), far.try_clone().unwrap());
+                let held = held.clone();
+                std::thread::spawn(move || passes(near, far, |bytes| waits(&held, bytes)));
+                std::thread::spawn(move || passes(from, back, |_| {}));
+            }
+        });
+        way
+    }
+
+    /// Keeps the next write until it is let go.
+    #[track_caller]
+    pub(crate) fn holds_a_write(&self) {
+        *self.held.lock().unwrap() = Held::Next;
+        until("a write is held", || match *self.held.lock().unwrap() {
+            Held::One => Ok(()),
+            other => Err(format!("{other:?}")),
+        });
+    }
+
+    pub(crate) fn lets_it_go(&self) {
+        *self.held.lock().unwrap() = Held::Nothing;
+    }
+}
+
+fn waits(held: &Mutex<Held>, bytes: &[u8]) {
+    const FUNCTION: usize = 7;
+    let mut state = held.lock().unwrap();
+    if *state != Held::Next || bytes.get(FUNCTION) != Some(&16) {
+        return;
+    }
+    *state = Held::One;
+    drop(state);
+    while *held.lock().unwrap() == Held::One {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Hands on what comes, however late; a sender that has gone does not take back what he sent.
+fn passes(mut from: TcpStream, mut to: TcpStream, waits: impl Fn(&[u8])) {
+    let mut bytes = [0; 512];
+    while let Ok(count @ 1..) = from.read(&mut bytes) {
+        waits(&bytes[..count]);
+        if to.write_all(&bytes[..count]).is_err() {
+            return;
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! LinuxCNC without a screen, told what to do line by line.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::linuxcnc::process::{PATIENCE, Running, free_port};
+use crate::linuxcnc::samples::Samples;
+
+/// What the sampler records, in its order.
+const COLUMNS: [&str; 6] = [
+    "axis.z.eoffset",
+    "axis.z.eoffset-request",
+    "axis.z.pos-cmd",
+    "joint.2.pos-cmd",
+    "joint.2.f-error",
+    "motion.motion-enabled",
+];
+
+/// A simulated mill with its component; it ends when it is dropped.
+pub(crate) struct Mill {
+    running: Running,
+    pub(crate) port: u16,
+    directory: tempfile::TempDir,
+    recordings: usize,
+}
+
+impl Mill {
+    /// On, homed, in teleop mode, at X0 Y0 Z0.
+    pub(crate) fn start() -> Mill {
+        let port = free_port();
+        Mill { running: runs(port), port, directory: tempfile::tempdir().unwrap(), recordings: 0 }
+    }
+
+    /// LinuxCNC is ended and started again.
+    #[track_caller]
+    pub(crate) fn restarts(&mut self) {
+        self.running.signal("TERM");
+        self.running.ends_within(PATIENCE);
+        self.running = runs(self.port);
+    }
+
+    /// Tells it something; what it answers.
+    #[track_caller]
+    pub(crate) fn reported(&mut self, line: &str) -> String {
+        use std::io::Write;
+        writeln!(self.running.stdin(), "{line}").unwrap();
+        let answer = self.running.hears_one_of(&["ok", "error"]);
+        assert!(answer.starts_with("ok"), "{line}: {answer}");
+        answer.trim_start_matches("ok").trim().to_owned()
+    }
+
+    /// The value of a pin.
+    #[track_caller]
+    pub(crate) fn pin(&mut self, name: &str) -> f64 {
+        let answer = self.reported(&format!("get {name}"));
+        match answer.as_str() {
+            "TRUE" => 1.0,
+            "FALSE" => 0.0,
+            number => number.parse().unwrap_or_else(|_| panic!("{name} is {number}")),
+        }
+    }
+
+    /// What Z has on top of its program, µm.
+    #[track_caller]
+    pub(crate) fn offset_um(&mut self) -> f64 {
+        1000.0 * self.pin("axis.z.eoffset")
+    }
+
+    /// Records every servo period from now on.
+    pub(crate) fn records(&mut self) {
+        self.recordings += 1;
+        let file = self.recording();
+        self.reported(&format!("sample start {}", file.display()));
+    }
+
+    fn recording(&self) -> PathBuf {
+        self.directory.path().join(format!("{}.samples", self.recordings))
+    }
+
+    /// Ends the recording.
+    #[track_caller]
+    pub(crate) fn recorded(&mut self) -> Samples {
+        self.reported("sample stop");
+        let text = std::fs::read_to_string(self.recording()).unwrap();
+        Samples::parse(&text, &COLUMNS)
+    }
+}
+
+fn runs(port: u16) -> Running {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("profiles/linuxcnc");
+    let mut command = Command::new(folder.join("headless"));
+    let mut running = Running::start(command.args(["--home", "--port", &port.to_string()]));
+    running.hears("ready");
+    running
+}
+
+impl Drop for Mill {
+    fn drop(&mut self) {
+        self.running.signal("TERM");
+        let _ = self.running.ends_within(PATIENCE);
+    }
+}

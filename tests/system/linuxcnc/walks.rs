@@ -1,0 +1,55 @@
+//! Where the joint comes to stand, and what the page says of it.
+
+use std::time::Duration;
+
+use crate::linuxcnc::bench::Bench;
+use crate::linuxcnc::modbus;
+
+#[test]
+fn on_every_plateau_joint_page_and_register_agree_to_a_nanometre() {
+    let mut bench = Bench::start();
+    for (um, z) in [(5.0, 0.0), (-12.3, -10.0), (20.0, -3.5), (0.1, -20.0), (0.0, 0.0)] {
+        bench.mill.reported(&format!("mdi G0 Z{z}"));
+        bench.mill.records();
+        bench.wants(um);
+        bench.arrives_at(um);
+        let walk = bench.mill.recorded();
+        walk.never_jump();
+        walk.joint_never_jumps();
+        bench.mill.records();
+        std::thread::sleep(Duration::from_millis(300));
+        bench.mill.recorded().stand_at(um);
+        let status = bench.status().unwrap();
+        let shown = status["axes"][0]["verified_um"].as_f64().unwrap();
+        let offset = bench.mill.offset_um();
+        assert!((shown - offset).abs() < 1e-3, "the page says {shown} µm where {offset} µm are applied");
+    }
+    bench.blames_nobody();
+}
+
+#[test]
+fn what_somebody_else_writes_switches_the_axis_off_and_the_control_word_says_so() {
+    let mut bench = Bench::start();
+    bench.wants(8.0);
+    bench.arrives_at(8.0);
+    let port = bench.mill.port;
+    let enabled = |block: &[u16]| block[modbus::CONTROL] & 1;
+    assert_eq!(enabled(&modbus::block(port)), 1);
+    crate::linuxcnc::process::until("somebody gets between two writes", || match modbus::writes(port, 75)[0] {
+        16 => Ok(()),
+        other => Err(format!("refused: {other}")),
+    });
+    bench.is_in_state("off", "the axis is off");
+    crate::linuxcnc::process::until("the control word says so", || match enabled(&modbus::block(port)) {
+        0 => Ok(()),
+        one => Err(one.to_string()),
+    });
+    assert_eq!(modbus::z(&modbus::block(port)), 75, "what he wrote is left alone");
+    let beat = modbus::block(port)[modbus::HEARTBEAT];
+    crate::linuxcnc::process::until("the heartbeat goes on", || match modbus::block(port)[modbus::HEARTBEAT] {
+        same if same == beat => Err(same.to_string()),
+        _ => Ok(()),
+    });
+    let said = bench.said();
+    assert!(said.iter().any(|line| line.contains("somebody else wrote 7.5 µm")), "{said:#?}");
+}

@@ -1,0 +1,12 @@
+//! The command line and the manual, as a person uses them.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on fails")]
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod cli;
+mod demo;
+mod discovery;
+mod manual;
+mod preview;
