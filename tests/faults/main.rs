@@ -21,6 +21,7 @@ mod rig;
 mod rtu;
 mod sealed;
 mod sets;
+mod sign;
 mod stand_ins;
 mod stop;
 mod targets;
