@@ -31,6 +31,7 @@ mod board;
 mod can;
 #[cfg(feature = "opcua")]
 pub mod certificates;
+pub mod claims;
 mod commissioning;
 mod contact;
 pub mod control;

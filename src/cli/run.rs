@@ -15,8 +15,8 @@ use super::signals::Signals;
 use super::{ProfileArguments, load_modelled, volume, warned};
 use crate::cli::say::say;
 use crate::clock::Clock;
-use crate::gateway::control;
 use crate::gateway::{CHECK_ONLY, Gateway, HANDOVER, Handover, Options, Program, make_directory, may_start};
+use crate::gateway::{claims, control};
 use crate::observe::events::Event;
 use crate::observe::notify::{Outboxes, Rules};
 use crate::observe::status::BrokerFigures;
@@ -96,6 +96,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         ..Options::default()
     };
     may_start(&options, &profile).map_err(anyhow::Error::msg)?;
+    let unseen = match arguments.dry_run {
+        true => None,
+        false => claims::claim(&profile, &directory).map_err(anyhow::Error::msg)?,
+    };
     let mut sockets = Sockets::default();
     if let Some(web) = web(arguments.listen.as_deref(), &profile)
         && let Some(url) = sockets.open_page_now_or_later(&web)?
@@ -125,6 +129,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         let gateway = Gateway::new(profile, &Clock::wall(), options);
         sockets.successor = program.as_ref().ok().map(|program| gateway.successor(program.clone(), socket));
         let source = gateway.source();
+        unseen.into_iter().for_each(|why| source.report(&Event::NotExclusive { why }));
         let _services = sockets.serve(&source, gateway.wire_log(), lines)?;
         #[cfg(feature = "mqtt")]
         let publishing = broker::publish(&published, &source, figures.as_ref(), &directory)?;
@@ -170,8 +175,11 @@ fn check(arguments: &Arguments, profile: &Profile, socket: &Path) -> anyhow::Res
         own.display(),
         socket.display()
     );
-    let options = Options { directory: Some(directory), ..Options::default() };
+    let options = Options { directory: Some(directory.clone()), ..Options::default() };
     may_start(&options, profile).map_err(anyhow::Error::msg)?;
+    if !arguments.dry_run {
+        claims::could_claim(profile, &directory).map_err(anyhow::Error::msg)?;
+    }
     web(arguments.listen.as_deref(), profile).map_or(Ok(()), |web| Port::new(&web).map(drop))
 }
 

@@ -30,6 +30,11 @@ pub trait Dial: Send {
         Fault::Link(LinkFault::TurnedAway)
     }
 
+    /// Whether the last connection resumes the session of the one before it. If not, another device may be at its other end.
+    fn resumes(&self) -> bool {
+        true
+    }
+
     /// How long that may take beyond the line's timeout.
     fn takes(&self) -> Duration {
         Duration::ZERO

@@ -277,6 +277,8 @@ pub enum Event {
     },
     /// Logs were deleted.
     LogsDeleted { names: Vec<String>, why: String },
+    /// Other gateways of this computer cannot be seen, so a second writer of a register would not be refused.
+    NotExclusive { why: String },
     /// The state or the log could not be kept on disk.
     NotKept { what: String, why: String },
     /// The state or the ledger is damaged, was changed, or is a copy from elsewhere: a sentence.

@@ -10,7 +10,7 @@ use isotherm_profile::{DeviceId, Transport};
 use tokio::io::AsyncWriteExt;
 use tokio::net::TcpListener;
 
-use crate::port::{Plug, answer, asked, bus, line, read, serial, word};
+use crate::port::{Exchanges, Plug, answer, asked, bus, line, read, serial, word};
 
 const TIMEOUT: Duration = Duration::from_millis(50);
 const UNIT: DeviceId = DeviceId(0);
@@ -54,8 +54,11 @@ async fn an_adapter_that_is_unplugged_and_comes_back_under_its_name_is_found_aga
     let first = Arc::new(Plug::new());
     first.under(&name);
     let speaks = alive(&first);
-    let mut line = line(&bus(serial(115_200), name.to_str().unwrap(), TIMEOUT), 1);
+    let exchanges = Exchanges::default();
+    let line = line(&bus(serial(115_200), name.to_str().unwrap(), TIMEOUT), 1);
+    let mut line = line.witnessed(Arc::new(exchanges.clone()));
     assert_eq!(asked(&mut line, UNIT, read(7, 1)).await, good());
+    assert_eq!(exchanges.said(), []);
 
     speaks.abort();
     let _ = speaks.await;
@@ -63,6 +66,7 @@ async fn an_adapter_that_is_unplugged_and_comes_back_under_its_name_is_found_aga
     drop(first);
     let gone = asked(&mut line, UNIT, read(7, 1)).await;
     assert_eq!(gone, Err(Fault::Link(LinkFault::Absent)), "at once, by its name");
+    assert!(exchanges.said().contains(&None), "each device on it may be another one when it is back");
     assert_eq!(asked(&mut line, UNIT, read(7, 1)).await, Err(Fault::Link(LinkFault::Down)));
     tokio::time::sleep(Duration::from_millis(300)).await;
 
@@ -80,14 +84,18 @@ async fn an_adapter_that_has_lost_itself_is_opened_anew_under_its_name_after_the
     let name = home.path().join("usb-adapter");
     let (mute, new) = (Arc::new(Plug::new()), Arc::new(Plug::new()));
     mute.under(&name);
-    let mut line = line(&bus(serial(115_200), name.to_str().unwrap(), TIMEOUT), 1);
+    let exchanges = Exchanges::default();
+    let line = line(&bus(serial(115_200), name.to_str().unwrap(), TIMEOUT), 1);
+    let mut line = line.witnessed(Arc::new(exchanges.clone()));
     assert_eq!(asked(&mut line, UNIT, read(7, 1)).await, Err(Fault::Timeout));
+    assert_eq!(exchanges.said(), [], "one answer was lost");
     // The name has moved on, the old port is open and silent.
     new.under(&name);
     let speaks = alive(&new);
     let (took, faults) = until_good(&mut line).await;
     println!("good {took:?} after the first miss");
     assert_eq!(faults, [Fault::Timeout]);
+    assert_eq!(exchanges.said(), [Some(UNIT)]);
     speaks.abort();
 }
 

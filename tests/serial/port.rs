@@ -5,13 +5,14 @@ use std::io;
 use std::os::fd::OwnedFd;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::fieldbus::departure::Leave;
 use isotherm::fieldbus::dial;
 use isotherm::fieldbus::error::Fault;
-use isotherm::fieldbus::line::DeviceLine;
+use isotherm::fieldbus::line::{DeviceLine, Witness};
 use isotherm::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::{Register, Table, checksum};
 use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Parity, Quirks, ReadBy, Serial, Transport};
@@ -121,6 +122,25 @@ pub(crate) fn bus(transport: Transport, address: &str, timeout: Duration) -> Bus
 
 pub(crate) fn serial(baud: u32) -> Transport {
     Transport::Serial(Serial { baud, parity: Parity::None, stop_bits: 1 })
+}
+
+/// The devices in whose place another one can be, in the order in which that was said.
+#[derive(Clone, Default)]
+pub(crate) struct Exchanges(Arc<Mutex<Vec<Option<DeviceId>>>>);
+
+impl Witness for Exchanges {
+    fn note(&self, _: DeviceId, _: Request<'_>, _: Result<(), Fault>, _: (u32, Fault)) {}
+
+    fn may_be_exchanged(&self, device: Option<DeviceId>) {
+        self.0.lock().unwrap().push(device);
+    }
+}
+
+impl Exchanges {
+    /// What was said since this was last asked.
+    pub(crate) fn said(&self) -> Vec<Option<DeviceId>> {
+        std::mem::take(&mut self.0.lock().unwrap())
+    }
 }
 
 /// A line with units 1 to `count`, as devices in this order.

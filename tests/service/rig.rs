@@ -9,7 +9,7 @@ use crate::device::{Device, Times, profile};
 use crate::manager::Manager;
 use crate::process::{Running, file, isotherm, until};
 
-const TIMES: Times = Times {
+pub(crate) const TIMES: Times = Times {
     timeout: Duration::from_millis(200),
     every: Duration::from_millis(200),
     max_age: Duration::from_secs(2),

@@ -9,6 +9,7 @@
 //! - [`regular`]: files that a person names. `unseen`: texts of others, as people may see them.
 //! - `template`, `dbc`: what device templates and DBC files bring.
 //! - `tables`: a file for each table of the profile: as written, checked, resolved, and what `isotherm check` says of it.
+//! - `written`: the places that a gateway writes to.
 //! - [`plan`], [`preview`]: which requests read a device; the tables' previews and the load of each line in one document.
 
 use std::path::PathBuf;
@@ -36,6 +37,7 @@ mod tables;
 pub mod template;
 mod unseen;
 mod walk;
+mod written;
 
 pub use error::{Errors, ProfileError, allowed, nearest};
 pub use load::{Loaded, environment, load, load_before_certificates, parse, parse_with};

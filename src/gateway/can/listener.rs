@@ -343,9 +343,8 @@ impl CanListener {
         self.condemn(device, Reason::Timeout);
         let mut core = self.shared.core();
         let Core { contact, commissioning, events, .. } = &mut *core;
-        if contact.is_silent(device, what, events) {
-            commissioning.forget(device);
-        }
+        contact.is_silent(device, what, events);
+        commissioning.forget(device);
     }
 
     /// A node came up: it is set up and looked at as at the beginning. What it said before its reset is not believed any

@@ -304,6 +304,13 @@ impl Event {
             Event::LogsDeleted { names, why } => {
                 info("logs-deleted", format!("deleted {}: {why}", listed(names)))
             }
+            Event::NotExclusive { why } => warning(
+                "not-exclusive",
+                format!(
+                    "other gateways of this computer cannot be seen: {why}; one that writes to the same registers would not be \
+                     refused"
+                ),
+            ),
             Event::NotKept { what, why } => warning("not-kept", format!("{what} cannot be kept: {why}")),
             Event::NotBelieved { why } => {
                 error("not-believed", format!("{why}; every axis is off until a person arms it"))

@@ -150,6 +150,11 @@ impl Device {
         }
     }
 
+    /// Whether something is read or set up before the device is used: its `verify`, or the setup list of a CANopen node.
+    pub fn is_checked(&self) -> bool {
+        !self.verify.is_empty() || self.can.as_ref().is_some_and(|can| !can.setup.is_empty())
+    }
+
     /// What is read from it, what is read before arming, and what it has from its template.
     pub(crate) fn preview(&self, profile: &Profile, id: DeviceId) -> Section {
         let requests = profile.register_requests(id);
