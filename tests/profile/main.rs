@@ -4,6 +4,7 @@ use std::path::Path;
 
 use isotherm_profile::{Errors, Loaded, ProfileError};
 
+mod arrives;
 mod can;
 mod can_line;
 mod contradictions;
@@ -12,6 +13,7 @@ mod data;
 mod doubts;
 mod expected;
 mod explained;
+mod hints;
 mod late;
 mod layers;
 mod load;

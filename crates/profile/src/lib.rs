@@ -4,9 +4,9 @@
 //! once with its place, and gives a [`Profile`] in which each name has become an index and each text a type.
 //!
 //! # Layout
-//! - `load`, `merge`, `walk`, `span`, `overridden`: the layers, each against the schema, where every key was written, and what
-//!   those above the profile change.
-//! - [`regular`]: files that a person names. `unseen`: texts of others, as people may see them.
+//! - `load`, `merge`, `walk`, `span`, `overridden`, `guarded`: the layers, each against the schema, where every key was written,
+//!   what those above the profile change, and what they may not change.
+//! - [`host_and_port`]: addresses. [`regular`]: files that a person names. `unseen`: texts of others, as people may see them.
 //! - `template`, `dbc`: what device templates and DBC files bring.
 //! - `tables`: a file for each table of the profile: as written, checked, resolved, and what `isotherm check` says of it.
 //! - [`plan`], [`preview`]: which requests read a device; the tables' previews and the load of each line in one document.
@@ -23,6 +23,8 @@ mod document;
 mod duration;
 mod error;
 mod files;
+mod guarded;
+mod host_port;
 mod load;
 mod merge;
 mod overridden;
@@ -38,6 +40,7 @@ mod unseen;
 mod walk;
 
 pub use error::{Errors, ProfileError, allowed, nearest};
+pub use host_port::{NoPlace, host_and_port};
 pub use load::{Loaded, environment, load, load_before_certificates, parse, parse_with};
 pub use overridden::Overridden;
 pub use tables::axis::Axis;
@@ -67,6 +70,7 @@ pub use tables::output::Output;
 pub use tables::output::applied::Applied;
 pub use tables::output::display::{Beside, Display, Shown, Stale};
 pub use tables::output::share::Share;
+pub use tables::output::stated::Stated;
 pub use tables::output::verify::Verify;
 pub use tables::output::writes::Writes;
 pub use tables::quirks::Quirks;

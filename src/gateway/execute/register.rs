@@ -16,6 +16,7 @@ use crate::gateway::storage::Stepped;
 use crate::gateway::units::Units;
 use crate::observe::asker::Way;
 use crate::observe::events::Event;
+use isotherm_core::codec::Encoded;
 use isotherm_core::output::{
     self, Action, Copies, Fact, Rules, Settings, Standing, State, Verify, Who, step,
 };
@@ -322,6 +323,14 @@ impl Register {
     /// What it holds as last verified.
     pub(super) fn stands(&self) -> Counts {
         self.state.shown(&self.settings).verified.map_or(self.settings.bias, |seen| seen.value)
+    }
+
+    /// The registers that hold this value. `None` if the control would read something else, or more than the limit: its
+    /// axis is off then, until a person arms it.
+    pub(super) fn admitted(&self, shared: &LineHandle, value: Counts) -> Option<Encoded> {
+        let base = self.state.shown(&self.settings).account.map(|account| account.base);
+        let encoded = self.units.admitted(value, base, self.stands());
+        encoded.map_err(|why| report::not_sent(shared, self.id, why)).ok()
     }
 
     /// An exchange has come to its end with this.

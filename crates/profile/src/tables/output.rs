@@ -21,19 +21,21 @@ use isotherm_core::codec::{Address, DataType, Encoding, Node, Scale, Table};
 use isotherm_core::compensation::model::Condition;
 use isotherm_core::reading::SignalId;
 use share::Share;
+use stated::Stated;
 use verify::{Verify, VerifyWord};
 use writes::{Writes, WritesWord};
 
 pub(crate) mod applied;
 pub(crate) mod display;
 pub(crate) mod share;
+pub(crate) mod stated;
 pub(crate) mod verify;
 pub(crate) mod writes;
 
 /// One value that is written.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "Output")]
+#[schemars(rename = "Output", extend("x-layers" = "arrives"))]
 pub(crate) struct RawOutput {
     /// Whose Cz.
     #[schemars(required)]
@@ -78,6 +80,7 @@ pub(crate) struct RawOutput {
     /// How a write is believed. Default "read-back".
     verify: Option<VerifyWord>,
     /// Written again after this long though unchanged.
+    #[schemars(extend("x-layers" = "free"))]
     pub(super) refresh: Option<Timespan>,
     /// Interlock, a condition on signals: otherwise held.
     when: Option<String>,
@@ -130,6 +133,8 @@ pub struct Output {
     pub applied: Option<Applied>,
     /// What a display shows beside the value, and instead of it.
     pub display: Display,
+    /// What the profile states of it, if layers lie above the profile.
+    pub stated: Option<Stated>,
 }
 
 impl Output {
@@ -295,6 +300,7 @@ impl RawOutput {
             share,
             applied,
             display,
+            stated: None,
         })
     }
 
