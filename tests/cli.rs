@@ -422,6 +422,21 @@ fn a_recorded_run_has_every_signal_and_overwrites_nothing() {
 }
 
 #[test]
+fn help_fits_the_terminal() {
+    let widest = |columns: &str, verb: &str| {
+        let mut help = isotherm(Path::new("/nonexistent"));
+        let help = ended(help.args([verb, "--help"]).env("COLUMNS", columns)).out;
+        // A word that is longer than a line cannot be wrapped.
+        let lines = help.lines().filter(|line| line.split_whitespace().all(|word| word.len() < 30));
+        lines.map(|line| line.chars().count()).max().unwrap()
+    };
+    for verb in VERBS {
+        assert!(widest("60", verb) <= 60, "{verb}: {}", widest("60", verb));
+        assert!(widest("300", verb) <= 100, "{verb}: {}", widest("300", verb));
+    }
+}
+
+#[test]
 fn a_recording_on_a_plant_is_the_same_for_the_same_seed_and_turns_to_a_new_file_in_time() {
     let home = tempfile::tempdir().unwrap();
     let record = |out: &str| {

@@ -44,6 +44,7 @@ use crate::fieldbus::explain::system;
 use crate::fieldbus::trace::{Exchange, Listening};
 use crate::observe::asker::{Asker, Attendance, Connection, PATIENCE, Way};
 use crate::observe::status::{Answer, Command, Source, Status};
+use isotherm_profile::counted;
 use isotherm_profile::one_line;
 
 mod client;
@@ -429,12 +430,12 @@ fn line(exchange: &Exchange, json: bool) -> String {
 fn ended(count: u64, dropped: u64) -> String {
     let left_out = match dropped {
         0 => String::new(),
-        dropped => format!(", {dropped} more were left out because they were not taken fast enough"),
+        dropped => format!(", {dropped} more left out because they were not taken fast enough"),
     };
     match count {
         0 => "end nothing was sent to it: it is left alone after a failure (see the events), or has nothing to read\n"
             .to_owned(),
-        count => format!("end {count} exchanges{left_out}\n"),
+        count => format!("end {}{left_out}\n", counted(count, "exchange")),
     }
 }
 

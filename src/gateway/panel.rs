@@ -23,6 +23,10 @@ use isotherm_core::quantity::{Micron, Moment, time};
 use isotherm_profile::AxisId;
 use isotherm_profile::regular::quoted;
 
+/// Answer to a zero that nothing is measured from.
+const NO_ZERO: &str = "nothing is captured: the profile has no reference \"zero\" here; write reference = \"zero\" in a model, or \
+                       datum = \"zero\" in its axis, and restart";
+
 /// What page, API and command socket have at hand: one hold to look, one to command.
 pub(super) struct Panel {
     page: PageHandle,
@@ -193,6 +197,10 @@ impl CommandHandle {
                 }
                 Command::Zero => {
                     let (now, only) = (shared.clock.now(), axis.map(|_| chosen[0]));
+                    let of = if only.is_some() { format!("{said}: ") } else { String::new() };
+                    if !chosen.iter().any(|axis| shared.profile.axes[*axis].counts_from_zero()) {
+                        return Ok(Answer::Done(format!("{of}{NO_ZERO}")));
+                    }
                     match only {
                         None => core.compensation.zero(now),
                         Some(place) if core.compensation.zero_axis(place, now) => {}
@@ -204,7 +212,6 @@ impl CommandHandle {
                     }
                     core.storage.zeroed(now, only);
                     core.events.push(Event::Zeroed);
-                    let of = if only.is_some() { format!("{said}: ") } else { String::new() };
                     Ok(Answer::Done(format!("{of}references are captured from now on")))
                 }
                 Command::Sign => signing::begin(core, one(&chosen)?, asker, shared.clock.now()),

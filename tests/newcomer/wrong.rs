@@ -199,7 +199,7 @@ fn a_drift_report_remarks_what_cannot_be_meant() {
     for words in [
         "note: short lasts 4m 59s",
         "name the column time_min",
-        "note: long lasts 12days",
+        "note: long lasts 12 days",
         "name the column time;",
         "note: z_error_um stands still: was the probe connected?",
     ] {

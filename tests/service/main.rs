@@ -4,6 +4,7 @@
 
 #[path = "../device/mod.rs"]
 mod device;
+mod handed_over;
 mod journal;
 mod manager;
 #[path = "../process/mod.rs"]

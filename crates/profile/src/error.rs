@@ -7,6 +7,7 @@ use serde::Serialize;
 use crate::regular::LONGEST_QUOTE;
 use crate::span::Spans;
 use crate::unseen::{lines, one_line};
+use crate::wording::counted;
 
 /// One thing that is wrong, or worth a warning.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -170,8 +171,7 @@ impl fmt::Display for Errors {
             writeln!(f, "{error}")?;
         }
         let count: usize = self.0.iter().map(|error| 1 + error.more).sum();
-        let plural = if count == 1 { "" } else { "s" };
-        write!(f, "{count} error{plural} in the profile")
+        write!(f, "{} in the profile", counted(count, "error"))
     }
 }
 

@@ -36,6 +36,7 @@ mod tables;
 pub mod template;
 mod unseen;
 mod walk;
+mod wording;
 
 pub use error::{Errors, ProfileError, allowed, nearest};
 pub use load::{Loaded, environment, load, load_before_certificates, parse, parse_with};
@@ -79,6 +80,7 @@ pub use tables::signal::unit::Unit;
 pub use tables::web::{Commands, Language, PLAIN, Web, WebTls};
 pub use template::Template;
 pub use unseen::{lines, one_line};
+pub use wording::{counted, duration_text};
 
 /// One physical line: its place in the profile's list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

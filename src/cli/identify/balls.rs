@@ -8,6 +8,7 @@ use anyhow::Context;
 use super::super::print_json;
 use isotherm_identify::balls::{DIRECTIONS, Terms, log, terms};
 use isotherm_identify::dataset::{Dataset, Split, every_column};
+use isotherm_profile::counted;
 
 #[derive(clap::Args, Debug)]
 pub(super) struct Touches {
@@ -49,9 +50,9 @@ pub(super) fn run(arguments: &Touches, json: bool) -> anyhow::Result<()> {
 
 fn tell(found: &Terms) -> std::io::Result<()> {
     say!(
-        "balls along {}, {} rounds; how far the coordinates have moved since the first, with the origin at {} mm",
+        "balls along {}, {}; how far the coordinates have moved since the first, with the origin at {} mm",
         found.array,
-        found.rounds.len(),
+        counted(found.rounds.len(), "round"),
         found.origin_mm
     )?;
     for remark in &found.remarks {

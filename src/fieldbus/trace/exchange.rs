@@ -9,6 +9,7 @@ use crate::fieldbus::error::Fault;
 use crate::fieldbus::request::{Answer, CanRequest, NodeReading, NodeRequest, Request};
 use isotherm_core::codec::{Frame, Register, Table};
 use isotherm_core::quantity::Moment;
+use isotherm_profile::counted;
 
 /// One question and what came of it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -106,10 +107,6 @@ fn node(node: &NodeReading) -> String {
         Ok(value) => listed(value.registers()).trim_start().to_owned(),
         Err(reason) => reason.to_string(),
     }
-}
-
-fn counted(count: usize, what: &str) -> String {
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 fn listed(values: &[impl fmt::Display]) -> String {

@@ -347,7 +347,10 @@ impl Register {
         let state = &mut core.outputs[self.id.0];
         (state.failures, state.cause) = (state.failures + 1, Some(fault));
         let output = || shared.profile.output(self.id).name.clone();
-        core.events.extend(reported.map(|fault| Event::WriteFailed { output: output(), fault }));
+        core.events.extend(reported.map(|fault| match access {
+            Access::Read => Event::ReadFailed { output: output(), fault },
+            Access::Write => Event::WriteFailed { output: output(), fault },
+        }));
     }
 
     /// What an exchange that has come to its end says of the trouble before it.

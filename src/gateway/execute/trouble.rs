@@ -2,6 +2,7 @@
 
 use crate::fieldbus::error::{Fault, Outcome};
 use isotherm_core::output::{Fact, Verify};
+use isotherm_profile::counted;
 
 /// So many writes in a row that were not answered by a device whose reads are, are reported.
 const DEAF: u64 = 3;
@@ -66,7 +67,7 @@ impl Troubles {
             self.now = Some(trouble);
         }
         is_new.then(|| match is_deaf {
-            true => format!("{}, {} times in a row", in_words(), self.failed_writes),
+            true => format!("{}, {} in a row", in_words(), counted(self.failed_writes, "time")),
             false => in_words(),
         })
     }

@@ -8,7 +8,7 @@ use super::label::{self, labelled};
 use crate::Profile;
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
-use isotherm_core::compensation::model::Model;
+use isotherm_core::compensation::model::{Model, Reference};
 use isotherm_core::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, OnFault};
 use isotherm_core::quantity::{Micron, MicronPerSecond};
 use model::RawModel;
@@ -164,6 +164,12 @@ impl Axis {
     /// Whether there is a way to compute its Cz yet; without one it stays off.
     pub fn has_model(&self) -> bool {
         !self.settings.models.is_empty()
+    }
+
+    /// Whether a zero changes what its Cz is measured from: its datum, or the reference of an input of its models.
+    pub fn counts_from_zero(&self) -> bool {
+        let mut inputs = self.settings.models.iter().flat_map(Model::rises);
+        self.settings.datum == Datum::Zero || inputs.any(|input| input.reference == Reference::Zero)
     }
 
     /// Whether some model of it says how wrong it is expected to be.

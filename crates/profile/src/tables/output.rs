@@ -14,6 +14,7 @@ use super::signal::ChannelValue;
 use super::{At, Check, expression, opcua, sysfs};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
+use crate::wording::counted;
 use crate::{AxisId, DeviceId, Profile, SetId};
 use applied::{Applied, ReadBackValue};
 use display::{Display, RawBeside, RawStale};
@@ -176,8 +177,7 @@ impl Output {
             line += &format!(", bias {}", encoding.bias);
         }
         if function != 0 {
-            let plural = if registers == 1 { "" } else { "s" };
-            line += &format!("; function {function:02}, {registers} register{plural}");
+            line += &format!("; function {function:02}, {}", counted(registers, "register"));
         }
         let mut section = Section::default();
         section.line(line);
