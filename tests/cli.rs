@@ -213,7 +213,7 @@ fn a_short_demo_gives_one_json_document_the_same_for_the_same_seed() {
 }
 
 #[test]
-fn an_unknown_machine_is_reported_the_known_ones() {
+fn an_unknown_machine_is_refused_with_the_known_ones() {
     let demo = run(&["demo", "lathe"]);
     assert_eq!(demo.code, Some(1));
     assert!(demo.said.contains("surface-grinder, sinker-edm"), "{}", demo.said);

@@ -7,6 +7,8 @@ use std::process::Command;
 
 #[path = "house/circles.rs"]
 mod circles;
+#[path = "house/prose.rs"]
+mod prose;
 #[path = "house/security.rs"]
 mod security;
 #[path = "house/source.rs"]

@@ -59,7 +59,7 @@ pub use user::forbidden;
 
 /// How long whoever arms and does not stay waits to hear what comes of it.
 const ARMING: Duration = Duration::from_secs(3);
-/// How long a client that stays gets no message that its request waits.
+/// Delay before a client that stays connected is informed that its request waits.
 const SHORTLY: Duration = Duration::from_millis(500);
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
 /// Who stays hears this often that somebody is there.

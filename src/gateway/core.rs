@@ -397,8 +397,8 @@ impl Core {
         }
     }
 
-    /// An output's register was found to hold this much Cz after it had not been known: the axis goes on from there. Whether
-    /// that output is the one by which it does.
+    /// An unknown register was read and holds this Cz: the axis resumes from it. Returns whether the axis resumes by this
+    /// output.
     pub(super) fn found(&mut self, id: OutputId, cz: Micron) -> bool {
         let profile = &self.given.profile;
         let Output { axis: AxisId(axis), writes, .. } = *profile.output(id);

@@ -13,7 +13,7 @@ const REASON: &str = "a second gateway";
 fn two_gateways_at_one_shared_register_both_go_off_and_say_why() {
     let control = Control::of(|_| Fate::Done);
     control.lock().unwrap().edits(1200);
-    let text = profile_of(&control, "2s", LEDGER).replace("100ms", "250ms");
+    let text = profile_of(&control, "2s", LEDGER);
     let mut both = [Program::start(&text), Program::start(&text)];
     for program in &mut both {
         program.running.hears("if all of that is your own value");

@@ -9,7 +9,7 @@ use crate::modbus;
 fn on_every_plateau_joint_page_and_register_agree_to_a_nanometre() {
     let mut bench = Bench::start();
     for (um, z) in [(5.0, 0.0), (-12.3, -10.0), (20.0, -3.5), (0.1, -20.0), (0.0, 0.0)] {
-        bench.mill.reported(&format!("mdi G0 Z{z}"));
+        bench.mill.command(&format!("mdi G0 Z{z}"));
         bench.mill.records();
         bench.wants(um);
         bench.arrives_at(um);

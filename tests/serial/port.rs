@@ -15,6 +15,7 @@ use isotherm::fieldbus::line::DeviceLine;
 use isotherm::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::{Register, Table, checksum};
 use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Parity, Quirks, ReadBy, Serial, Transport};
+use rustix::event::{PollFd, PollFlags, Timespec};
 use rustix::fs::OFlags;
 use rustix::io::Errno;
 use rustix::pty::OpenptFlags;
@@ -49,6 +50,22 @@ impl Plug {
     pub(crate) fn say(&self, bytes: &[u8]) {
         // Where nobody has the port open the bytes go nowhere.
         let _ = rustix::io::write(&self.end, bytes);
+    }
+
+    /// Everything that was said before is in the port's buffer when this returns: whoever polls its other end has the kernel
+    /// put it there first. That end must be there.
+    pub(crate) fn hand_over(&self) {
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
+        let Ok(end) = rustix::fs::open(&self.path, flags, rustix::fs::Mode::empty()) else { return };
+        let mut polled = [PollFd::new(&end, PollFlags::IN)];
+        rustix::event::poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).unwrap();
+    }
+
+    /// Whether a program has the port open.
+    pub(crate) fn is_open(&self) -> bool {
+        let mut polled = [PollFd::new(&self.end, PollFlags::IN)];
+        rustix::event::poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).unwrap();
+        !polled[0].revents().contains(PollFlags::HUP)
     }
 
     /// What has come; nothing where nothing has, or nobody has the port open.

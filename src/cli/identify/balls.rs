@@ -73,7 +73,7 @@ fn tell(found: &Terms) -> std::io::Result<()> {
     if found.rounds.iter().any(|round| round.spindle_um_per_mm.is_some()) {
         say!("  {:>6}  tilt B of the spindle, µm/m of stylus", "hour")?;
         for round in &found.rounds {
-            let tilts = round.spindle_um_per_mm.map_or("not told".to_owned(), |tilts| {
+            let tilts = round.spindle_um_per_mm.map_or("unknown".to_owned(), |tilts| {
                 let across = (0..3).filter(|place| *place != found.along);
                 across
                     .map(|place| format!("{} {:+.2}", DIRECTIONS[place], 1000.0 * tilts[place]))

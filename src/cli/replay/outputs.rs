@@ -81,7 +81,7 @@ pub fn replay_outputs(log: impl Read, name: &str) -> anyhow::Result<OutputsSumma
     }
     let left_out = unknown.into_iter().map(|(output, (line, rows))| {
         format!(
-            "{name}, line {line}: no row says from what {output} goes on; {rows} of its rows are left out"
+            "{name}, line {line}: no row says from which value {output} resumes; {rows} of its rows are left out"
         )
     });
     let warnings = reader.warnings().iter().cloned().chain(left_out).collect();

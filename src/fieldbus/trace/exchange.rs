@@ -1,4 +1,4 @@
-//! One question and what came of it, for people (two lines) and for programs (one JSON object).
+//! One request and its answer, as readable text (two lines) and as a JSON object.
 
 use std::fmt::{self, Write};
 use std::time::Duration;
@@ -21,7 +21,7 @@ pub struct Exchange {
     pub took: Duration,
     /// Modbus unit.
     pub unit: u8,
-    /// What was asked, for people; empty for what came by itself.
+    /// The request as readable text; empty for a message that came unasked.
     pub asked: String,
     /// The bytes that went out; none where there was no connection.
     #[serde(serialize_with = "hex")]
@@ -31,7 +31,7 @@ pub struct Exchange {
     pub received: Vec<u8>,
     /// Bytes that passed beyond those two.
     pub more: usize,
-    /// What was answered, or what was wrong with it, for people.
+    /// The answer as readable text, or what was wrong with it.
     pub answered: String,
     /// It is the answer that was asked for.
     pub is_good: bool,

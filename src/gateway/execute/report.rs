@@ -67,7 +67,7 @@ pub(super) fn why_foreign(register: &Register, output: &Output, expected: Counts
     }
 }
 
-/// Whose part is what.
+/// Reports operator offset and gateway share of a register.
 pub(super) fn opened(register: &Register, output: &str, account: Account) -> Event {
     let share = share_in_text(register, account.share);
     Event::LedgerOpened { output: output.to_owned(), base: register.units.in_text(account.base), share }

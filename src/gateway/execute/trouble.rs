@@ -13,13 +13,13 @@ pub(super) enum Trouble {
     Link,
     /// It did not answer a write, and nothing was written since.
     Unanswered,
-    /// It answered, and did not do what was access.
+    /// The device answered, but the register does not hold what was written.
     Untaken,
     /// What must be on disk is not.
     Disk,
 }
 
-/// What a device was access for.
+/// Kind of request that a device was sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Access {
     Read,

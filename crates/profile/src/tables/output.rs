@@ -221,7 +221,7 @@ impl Output {
         let when = self.when.as_ref().map(|condition| &condition.text);
         section.entry("when", when);
         let restart = self.restart(profile);
-        section.lines("    read anew, and Cz goes on from there, when ", &restart);
+        section.lines("    read again, and Cz resumes from the value read, when ", &restart);
         section.entry("restart", restart);
         section.line(match when {
             Some(when) => format!("    only when {when}, otherwise held"),

@@ -37,8 +37,8 @@ shifted!(ProbeRemembered: models, last, history);
 shifted!(LearnedRemembered: certainty, renews);
 
 impl ProbeRemembered {
-    /// When people measured goes by the wall clock, by which the machine was away for so long. How certain a correction
-    /// still is goes by the longest that it can have been.
+    /// Takes in how long the machine was away. The time of a manual measurement shifts by the wall clock. How certain a
+    /// correction still is depends on the longest time that the machine can have been away.
     pub(in crate::compensation) fn away(&mut self, (by_the_clock, at_most): (Shift, Shift)) {
         self.last.shift(by_the_clock);
         self.history.shift(by_the_clock);
