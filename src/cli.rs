@@ -39,6 +39,7 @@ mod looked;
 mod machines;
 mod man;
 mod measured;
+mod new_file;
 mod notices;
 #[cfg(feature = "opcua")]
 mod opcua;

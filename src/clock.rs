@@ -6,8 +6,8 @@
 //! (tokio's paused clock cannot do this: it runs ahead while a real socket waits.)
 //!
 //! Whatever makes a sleeper's task act before its time goes through its [`Wakeup`]; a message that a sleeping task
-//! would have to notice by itself could be overtaken by the clock. Where nobody could, because the message comes
-//! through the kernel and nobody answers it, its reader keeps an [`Inlet`].
+//! would have to notice by itself could be overtaken by the clock. A message that comes through
+//! the kernel and that no task answers has no sender to wake the sleeper: its reader keeps an [`Inlet`].
 
 use std::pin::pin;
 use std::sync::Arc;
@@ -215,8 +215,8 @@ impl Sleeper {
         }
     }
 
-    /// Returns at `deadline`, or as soon as it is woken (also when it was since the last sleep); and tells when
-    /// that is.
+    /// Sleeps until `deadline` or until the next wakeup. A wakeup since the last sleep ends it at once. Returns the
+    /// present moment.
     pub async fn sleep_until(&mut self, deadline: Moment) -> Moment {
         self.sleep_from(self.now(), deadline).await
     }

@@ -31,6 +31,7 @@ mod board;
 mod can;
 #[cfg(feature = "opcua")]
 pub mod certificates;
+pub mod claims;
 mod commissioning;
 mod contact;
 pub mod control;
@@ -84,9 +85,9 @@ use storage::Storage;
 use watch::Watch;
 
 pub use disk::{Disk, Files, make_directory};
-pub use handover::Handover;
+pub use handover::{Handover, digest_path};
 pub use left::may_start;
-pub use successor::{CHECK_ONLY, HANDOVER, Program, Successor};
+pub use successor::{CHECK_ONLY, Program, Successor};
 pub use why::how_to_find_a_model;
 pub use wire_log::WireLog;
 
@@ -130,8 +131,8 @@ pub struct Options {
     pub broker: Option<Arc<BrokerFigures>>,
     /// Who hears of every event, from the first on.
     pub listener: Option<EventListener>,
-    /// What the program before this one in the same process has handed over.
-    pub handover: Option<Handover>,
+    /// Handover of the program before this one in the same process, or why it is not accepted; `None` after an ordinary start.
+    pub handover: Result<Option<Handover>, String>,
     /// Called where a stuck gateway cannot even stop.
     pub give_up: Arc<dyn Fn() + Send + Sync>,
 }
@@ -149,7 +150,7 @@ impl Default for Options {
             is_credulous: false,
             broker: None,
             listener: None,
-            handover: None,
+            handover: Ok(None),
             give_up: Arc::new(|| {}),
         }
     }
@@ -197,6 +198,9 @@ impl Gateway {
         if let Some(directory) = options.directory.as_deref().filter(|_| options.has_threads) {
             journal.recall(file::last(directory, &profile.name, RECALLED));
         }
+        if let Err(why) = &options.handover {
+            journal.report(clock.now(), &Event::HandoverRefused { why: why.clone() });
+        }
         let Left { recalled, correction, state, ledger, is_first, pair } =
             Left::open(&options, &profile, (&journal, clock));
         let storage = match (options.directory.as_deref(), state) {
@@ -221,7 +225,7 @@ impl Gateway {
             let mut core = Core::new(given, recalled.remembered, storage);
             core.was_driven = was_driven;
             core.storage.signs = recalled.signs;
-            if let Some(handover) = &options.handover {
+            if let Ok(Some(handover)) = &options.handover {
                 handover.go_on(&mut core, clock.now());
             }
             if pair.is_some_and(|pair| pair.is_in_question()) {

@@ -265,13 +265,13 @@ fn report(
     Ok(())
 }
 
-/// What the source of a machine reports.
+/// The figures that the publication on a machine gives, one line per axis.
 fn source_lines(published: &Published) -> Vec<String> {
-    let micron = |value: Option<f64>| value.map_or("not told".to_owned(), |value| format!("{value} µm"));
+    let micron = |value: Option<f64>| value.map_or("not published".to_owned(), |value| format!("{value} µm"));
     let mut lines = vec![format!("Its source: {}", published.text)];
     lines.extend(published.axes.iter().map(|axis| {
         let (before, after) = (micron(axis.uncompensated_um), micron(axis.compensated_um));
-        format!("  {}: {before} uncompensated, {after} compensated", axis.name)
+        format!("  {}: uncompensated {before}, compensated {after}", axis.name)
     }));
     lines
 }

@@ -13,6 +13,7 @@ use crate::cli::say::{say, say_beside};
 use crate::fieldbus::explain::system;
 use crate::gateway::{log, make_directory};
 use crate::observe::events::file;
+use isotherm_profile::counted;
 
 mod decisions;
 mod events;
@@ -149,7 +150,6 @@ impl Days {
     }
 
     fn text(&self) -> String {
-        let days = if self.written == 1 { "day" } else { "days" };
-        format!("{} {days} written, {} as they were", self.written, self.unchanged)
+        format!("{} written, {} as they were", counted(self.written, "day"), self.unchanged)
     }
 }

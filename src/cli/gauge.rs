@@ -10,6 +10,7 @@ use crate::clock::Clock;
 use crate::gateway::{Gateway, Options};
 use crate::observe::status::{Source, Status};
 use isotherm_profile::Profile;
+use isotherm_profile::counted;
 
 /// The longest that a frame is waited for which comes by itself.
 const LONGEST_PERIOD: Duration = Duration::from_secs(10);
@@ -68,7 +69,8 @@ pub(super) fn judge(status: &Status) -> anyhow::Result<()> {
     let bad = of_reason.iter().map(|(reason, names)| format!("{} ({reason})", names.join(", ")));
     anyhow::ensure!(
         count == 0,
-        "{count} of {all} signals cannot be used: {}",
+        "{count} of {} cannot be used: {}",
+        counted(all, "signal"),
         bad.collect::<Vec<_>>().join("; ")
     );
     Ok(())

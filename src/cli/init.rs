@@ -1,10 +1,9 @@
 //! `isotherm init`: a first profile, from a few answers.
 
 use std::io::{BufRead, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::Context;
-
+use super::new_file;
 use super::say::{Out, say, say_beside};
 use isotherm_profile::template::{Outline, on_modbus};
 
@@ -78,7 +77,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     isotherm_profile::parse(&file, &text, &[], &[]).map_err(|errors| {
         anyhow::anyhow!("{errors}\nwith these answers the profile would have errors; it is not written")
     })?;
-    write(&file, &text)?;
+    new_file::create(&file, &text)?;
     let shown = file.display();
     say!("{shown} is written. Next:")?;
     for (verb, what) in [
@@ -92,14 +91,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         say!("  {:<56} {what}", command.trim_end())?;
     }
     Ok(())
-}
-
-/// Nothing is overwritten.
-fn write(file: &Path, text: &str) -> anyhow::Result<()> {
-    let made = std::fs::File::create_new(file).and_then(|mut made| made.write_all(text.as_bytes()));
-    made.with_context(|| {
-        format!("{} cannot be written; nothing is overwritten: name another file", file.display())
-    })
 }
 
 fn ask(arguments: &Arguments, input: &mut dyn BufRead, out: &mut dyn Write) -> anyhow::Result<Answers> {

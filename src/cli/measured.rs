@@ -3,14 +3,20 @@
 use super::command::RunningGateway;
 use super::{ProfileArguments, load, values};
 use crate::gateway::control;
+use isotherm_core::compensation::MeasuredReport;
+use isotherm_core::quantity::Moment;
 
 /// Hands an axis's measured error to the gateway that runs this profile on this computer, or takes back what such errors
 /// have taught.
 ///
 /// The error is what remains while the compensation acts, actual minus commanded. Measure with the machine at rest and
-/// send it at once: it is held against the Cz that stands in the machine now.
+/// send it at once: it is held against the Cz that stands in the machine now. A script that may send it twice gives it a
+/// `--time` or an `--id`: the same measurement counts once.
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  isotherm measured my-machine.toml --axis z --error 3.2")]
+#[command(
+    after_help = "Examples:\n  isotherm measured my-machine.toml --axis z --error 3.2\n  isotherm measured my-machine.toml \
+    --axis z --error 3.2 --id part-17/2"
+)]
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
@@ -20,6 +26,12 @@ pub(super) struct Arguments {
     /// The measured error in µm; of the diameter where the axis acts on one
     #[arg(long, value_name = "UM", allow_negative_numbers = true, value_parser = finite, required_unless_present = "clear")]
     error: Option<f64>,
+    /// The time of the measurement, RFC 3339 with a zone: a measurement of before the axis's datum is refused
+    #[arg(long, value_name = "TIME", value_parser = MeasuredReport::time, conflicts_with = "clear")]
+    time: Option<Moment>,
+    /// A name of this measurement, of up to 64 characters
+    #[arg(long, value_name = "ID", value_parser = MeasuredReport::id, conflicts_with = "clear")]
+    id: Option<String>,
     /// Take back what measured errors have taught
     #[arg(long, conflicts_with = "error")]
     clear: bool,
@@ -32,7 +44,8 @@ fn finite(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let Arguments { profile, axis, error, gateway, .. } = arguments;
+    let Arguments { profile, axis, error, time, id, gateway, .. } = arguments;
+    let report = error.map(|error_um| MeasuredReport { time: *time, id: id.clone(), ..error_um.into() });
     let profile = load(profile, gateway.json)?;
-    gateway.print(control::send_measured(&gateway.socket(&profile)?, axis, *error))
+    gateway.print(control::send_measured(&gateway.socket(&profile)?, axis, report.as_ref()))
 }

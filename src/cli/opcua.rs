@@ -7,6 +7,7 @@ use std::time::Duration;
 use super::{ProfileArguments, reported};
 use crate::clock::Clock;
 use crate::discovery::opcua::Certificate;
+use isotherm_profile::counted;
 use isotherm_profile::{Bus, NamedFile, OpcUa, Profile};
 
 mod own;
@@ -127,7 +128,7 @@ fn validity(certificate: &Certificate) -> String {
     let how = match now {
         _ if now < from => "not valid yet, or this computer's clock is wrong".to_owned(),
         _ if now > to => "it has expired, or this computer's clock is wrong".to_owned(),
-        _ => format!("{} days left", to.since(now).as_secs() / DAY.as_secs()),
+        _ => format!("{} left", counted(to.since(now).as_secs() / DAY.as_secs(), "day")),
     };
     format!("{} to {}: {how}", day(from), day(to))
 }

@@ -12,7 +12,7 @@ use crate::fieldbus::explain;
 use crate::observe::events::{Event, PagePort};
 use crate::observe::http::Admission;
 use crate::observe::status::Source;
-use isotherm_profile::{PLAIN, Web};
+use isotherm_profile::{PLAIN, Web, host_and_port};
 
 /// How often a port that is taken is tried.
 const AGAIN: Duration = Duration::from_secs(10);
@@ -34,6 +34,10 @@ impl Port {
     /// Reads what it asks and shows; nothing is opened.
     pub(super) fn new(web: &Web) -> anyhow::Result<Port> {
         let admission = Admission::of(web).map_err(anyhow::Error::msg)?;
+        let place = host_and_port(&web.listen);
+        if let Some(help) = place.err().and_then(|why| why.help(8080, str::to_owned)) {
+            anyhow::bail!("`{}` is no address to listen on; {help}", web.listen);
+        }
         let addresses: Vec<SocketAddr> = web
             .listen
             .to_socket_addrs()

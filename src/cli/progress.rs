@@ -8,6 +8,7 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::say::say_beside;
+use isotherm_profile::duration_text;
 
 /// Where no terminal redraws it, it is said this often, and first after half of that.
 const SAID_EVERY: Duration = Duration::from_secs(10);
@@ -51,7 +52,7 @@ impl Progress {
                 spent += wait;
                 wait = every;
                 let what = shown.lock().unwrap_or_else(PoisonError::into_inner).clone();
-                say(format!("{what} ({})", humantime::format_duration(spent)));
+                say(format!("{what} ({})", duration_text(spent)));
             }
         });
         Progress { bar, state, works: Some(works), thread: Some(thread) }

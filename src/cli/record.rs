@@ -18,6 +18,7 @@ use isotherm_profile::Profile;
 
 mod recording;
 
+use isotherm_profile::{counted, duration_text};
 use recording::Recording;
 
 /// How often progress is shown where no terminal redraws it.
@@ -97,7 +98,8 @@ async fn record(
     let mut recording = Recording::begin(&arguments.out, &profile, &axes, clock.time_of_day())?;
     // Whatever becomes of the computer's clock: the spans in a recording are the counted ones.
     let shift = clock.shift();
-    say_beside!("recording {} signals into {}; end it with Ctrl-C", profile.signals.len(), recording.path());
+    let signals = counted(profile.signals.len(), "signal");
+    say_beside!("recording {signals} into {}; end it with Ctrl-C", recording.path());
     let mut signals = Signals::listen()?;
     let gateway = Gateway::new(profile, clock, Options { dry_run: true, ..Options::default() });
     let source = gateway.source();
@@ -132,12 +134,12 @@ async fn record(
 
 /// What a person sees meanwhile, on stderr. `shown` is when that was last, where no terminal redraws it.
 fn show_progress(shown: &mut Duration, spent: Duration, span: Option<Duration>, recording: &Recording) {
-    let of = span.map_or(String::new(), |span| format!(" of {}", humantime::format_duration(span)));
-    let whole = humantime::format_duration(Duration::from_secs(spent.as_secs()));
+    let of = span.map_or(String::new(), |span| format!(" of {}", duration_text(span)));
+    let whole = duration_text(Duration::from_secs(spent.as_secs()));
     let missing = recording.missing_now();
     let missing =
         if missing.is_empty() { String::new() } else { format!(", without {}", missing.join(", ")) };
-    let progress = format!("{whole}{of}, {} rows{missing}", recording.rows());
+    let progress = format!("{whole}{of}, {}{missing}", counted(recording.rows(), "row"));
     // A closed stderr is no reason to lose a run.
     let mut stderr = std::io::stderr();
     if stderr.is_terminal() {

@@ -29,7 +29,7 @@ mod text;
     after_help = "Examples:\n  isotherm report night.csv\n  isotherm report warm-up.csv --test spindle --displacement z_error_um\n  isotherm report day7.csv --profile surface-grinder --json"
 )]
 pub(super) struct Arguments {
-    /// The logs; each run is reported for itself
+    /// The logs; each run is reported separately
     #[arg(value_name = "LOG", required = true)]
     logs: Vec<PathBuf>,
     /// What the logs are taken for, instead of what their columns say

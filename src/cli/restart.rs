@@ -18,8 +18,8 @@ const READY_WITHIN: Duration = Duration::from_secs(15);
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
 /// Replaces the gateway that runs this profile on this computer: by the program that lies where it was started from, with the
-/// arguments that it was started with and the profile as it is now. No register moves: each keeps what it holds, an armed axis goes
-/// on from there, and one that is off stays off.
+/// arguments that it was started with and the profile as it is now. No register moves: each keeps what it holds, an armed axis
+/// resumes from it, and one that is off stays off.
 ///
 /// The profile is checked first. One that is wrong (exit code 64) leaves the gateway as it is.
 #[derive(clap::Args, Debug)]

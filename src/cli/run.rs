@@ -1,5 +1,6 @@
 //! `isotherm run`: the gateway.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -15,8 +16,9 @@ use super::signals::Signals;
 use super::{ProfileArguments, load_modelled, volume, warned};
 use crate::cli::say::say;
 use crate::clock::Clock;
-use crate::gateway::control;
-use crate::gateway::{CHECK_ONLY, Gateway, HANDOVER, Handover, Options, Program, make_directory, may_start};
+use crate::gateway::{
+    CHECK_ONLY, Gateway, Handover, Options, Program, claims, control, digest_path, make_directory, may_start,
+};
 use crate::observe::events::Event;
 use crate::observe::notify::{Outboxes, Rules};
 use crate::observe::status::BrokerFigures;
@@ -53,13 +55,13 @@ pub(super) struct Arguments {
 /// A program that is to take the place of this one.
 pub(super) struct Replacement {
     program: Program,
-    handover: Handover,
+    handover: Option<File>,
 }
 
 impl Replacement {
     /// Becomes it.
-    pub(super) fn take_over(&self) -> anyhow::Error {
-        let error = self.program.takes_over(&self.handover);
+    pub(super) fn take_over(self) -> anyhow::Error {
+        let error = self.program.takes_over(self.handover);
         anyhow::anyhow!("nothing has taken the place of this gateway, which has ended: {error}")
     }
 }
@@ -82,7 +84,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
     }
     let figures = profile.mqtt.as_ref().map(|mqtt| Arc::new(BrokerFigures::of(mqtt.broker.to_string())));
     let outboxes = Outboxes::of(&profile, arguments.dry_run);
-    let options = Options {
+    let mut options = Options {
         dry_run: arguments.dry_run,
         listener: outboxes.listener(),
         directory: Some(directory.clone()),
@@ -90,12 +92,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
             std::thread::sleep(LAST_WORDS);
             std::process::exit(1)
         }),
-        // Only a gateway before this one in the same process writes it.
         broker: figures.clone(),
-        handover: std::env::var(HANDOVER).ok().and_then(|text| serde_json::from_str(&text).ok()),
         ..Options::default()
     };
     may_start(&options, &profile).map_err(anyhow::Error::msg)?;
+    let unseen = match arguments.dry_run {
+        true => None,
+        false => claims::claim(&profile, &directory).map_err(anyhow::Error::msg)?,
+    };
     let mut sockets = Sockets::default();
     if let Some(web) = web(arguments.listen.as_deref(), &profile)
         && let Some(url) = sockets.open_page_now_or_later(&web)?
@@ -104,6 +108,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         let _ = say!("page {url}");
     }
     sockets.open_control(&directory, &profile.name)?;
+    // Not before the socket is this gateway's: another one that runs may just be handing over.
+    let digest = digest_path(&directory, &profile.name);
+    options.handover = Handover::receive(&digest);
     for (place, device) in profile.devices.iter().enumerate() {
         let (name, requests) = (&device.name, profile.register_requests(DeviceId(place)));
         tracing::info!("device {name}: {}", plan::summary(&requests));
@@ -125,6 +132,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         let gateway = Gateway::new(profile, &Clock::wall(), options);
         sockets.successor = program.as_ref().ok().map(|program| gateway.successor(program.clone(), socket));
         let source = gateway.source();
+        unseen.into_iter().for_each(|why| source.report(&Event::NotExclusive { why }));
         let _services = sockets.serve(&source, gateway.wire_log(), lines)?;
         #[cfg(feature = "mqtt")]
         let publishing = broker::publish(&published, &source, figures.as_ref(), &directory)?;
@@ -156,7 +164,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         "stopped before the fault actions had come to their end; {}",
         outcome.left
     );
-    Ok(outcome.handover.zip(program.ok()).map(|(handover, program)| Replacement { program, handover }))
+    let Some((handover, program)) = outcome.handover.zip(program.ok()) else { return Ok(None) };
+    let handover = handover.seal(&digest).inspect_err(|error| {
+        tracing::error!("nothing is handed over to the new program, which starts as after any stop: {error}");
+    });
+    Ok(Some(Replacement { program, handover: handover.ok() }))
 }
 
 /// What keeps this program from running in the place of the gateway with this command socket.
@@ -170,8 +182,11 @@ fn check(arguments: &Arguments, profile: &Profile, socket: &Path) -> anyhow::Res
         own.display(),
         socket.display()
     );
-    let options = Options { directory: Some(directory), ..Options::default() };
+    let options = Options { directory: Some(directory.clone()), ..Options::default() };
     may_start(&options, profile).map_err(anyhow::Error::msg)?;
+    if !arguments.dry_run {
+        claims::could_claim(profile, &directory).map_err(anyhow::Error::msg)?;
+    }
     web(arguments.listen.as_deref(), profile).map_or(Ok(()), |web| Port::new(&web).map(drop))
 }
 

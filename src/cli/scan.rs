@@ -14,6 +14,7 @@ use crate::discovery::scan::{Event, How, Responder, Scan, Stopped};
 use crate::discovery::walk::{RegisterRange, walk};
 use crate::discovery::{Exchange, Register};
 use isotherm_core::quantity::Moment;
+use isotherm_profile::{counted, duration_text};
 
 #[cfg(feature = "opcua")]
 mod endpoints;
@@ -104,7 +105,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     })?;
     clear_line();
     let stopped = stopped.map(|stopped| match stopped {
-        None => format!("stopped after {} of {} questions", seen.asked, scan.questions()),
+        None => format!("stopped after {} of {}", seen.asked, counted(scan.questions(), "question")),
         Some(Stopped { unit, fault }) => {
             let (line, from) = (&scan.lines[0], scan.registers[0]);
             remedy(fault, Question { line, unit, from, count: 1, timeout: scan.bus.timeout })
@@ -221,7 +222,7 @@ impl Seen {
             self.asked,
             self.questions,
             self.found.len(),
-            humantime::format_duration(Duration::from_secs(left.as_secs()))
+            duration_text(Duration::from_secs(left.as_secs()))
         );
     }
 }

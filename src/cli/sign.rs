@@ -67,7 +67,10 @@ fn moved(word: &str) -> Option<Moved> {
 /// Asks until the answer is one.
 fn ask() -> anyhow::Result<Option<Moved>> {
     loop {
-        say_beside!("Which way did it move? plus, minus or none (Ctrl-C takes it back):");
+        let minutes = control::SIGN_ANSWERED_WITHIN.as_secs() / 60;
+        say_beside!(
+            "Which way did it move? Type plus, minus or none within {minutes} minutes (Ctrl-C ends the check):"
+        );
         let Some(text) = typed()? else { return Ok(None) };
         if let Some(moved) = moved(text.trim()) {
             return Ok(Some(moved));

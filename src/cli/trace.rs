@@ -4,8 +4,8 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::command::RunningGateway;
 use super::{ProfileArguments, load, values};
+use super::{command::RunningGateway, new_file};
 use crate::cli::say::{Out, say_beside};
 use crate::gateway::control;
 
@@ -43,18 +43,19 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let Arguments { profile, device, span, out, gateway } = arguments;
     let profile = load(profile, gateway.json)?;
     let socket = gateway.socket(&profile)?;
-    let mut out: Box<dyn Write> = match out {
-        Some(path) => Box::new(std::fs::File::create_new(path).map_err(|error| {
-            anyhow::anyhow!("{} cannot be written ({error}); nothing is overwritten", path.display())
-        })?),
+    let mut to: Box<dyn Write> = match out {
+        Some(path) => Box::new(new_file::create(path, "")?),
         None => Box::new(Out),
     };
     let mut written = Ok(());
     let said = control::trace(&socket, device, *span, gateway.json, |line| {
-        written = writeln!(out, "{line}").and_then(|()| out.flush());
+        written = writeln!(to, "{line}").and_then(|()| to.flush());
         written.is_ok()
     });
-    written?;
+    written.map_err(|error| match out {
+        Some(path) => new_file::cannot_be_written(path, &error),
+        None => error.into(),
+    })?;
     say_beside!("{}", said?);
     Ok(())
 }

@@ -5,7 +5,7 @@ use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
-use isotherm_profile::{Bus, OpcUa, Quirks, server_url};
+use isotherm_profile::{Bus, OpcUa, Quirks, host_and_port, server_url};
 
 pub use isotherm_profile::{Parity, Serial, Transport};
 
@@ -114,18 +114,20 @@ impl FromStr for LineAddress {
 /// Host and port; without a port the usual one, where there is one.
 fn host(text: &str, usual: Option<u16>) -> Result<String, String> {
     let text = text.strip_suffix('/').unwrap_or(text);
-    let is_v6_alone = text.starts_with('[') && text.ends_with(']');
-    let port = if is_v6_alone { None } else { text.rsplit_once(':') };
-    match (port, usual) {
-        (Some((host, port)), _) if !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0) => {
-            Ok(text.to_owned())
+    if text.is_empty() {
+        return Err("the host is missing; write tcp://192.168.0.10:502".to_owned());
+    }
+    match (host_and_port(text), usual) {
+        (Ok((_, Some(port))), _) if port > 0 => Ok(text.to_owned()),
+        (Ok((host, None)), Some(usual)) => Ok(format!("{host}:{usual}")),
+        (Ok((host, None)), None) => {
+            Err(format!("the port of {host} is missing; write rtu+tcp://{host}:4001"))
         }
-        (Some((_, port)), _) => {
-            Err(format!("`{text}` is no host and port (`{port}`); write 192.168.0.10:502"))
+        (place, _) => {
+            let help = place.err().and_then(|why| why.help(usual.unwrap_or(4001), str::to_owned));
+            let help = help.unwrap_or_else(|| "write 192.168.0.10:502".to_owned());
+            Err(format!("`{text}` is no host and port; {help}"))
         }
-        (None, _) if text.is_empty() => Err("the host is missing; write tcp://192.168.0.10:502".to_owned()),
-        (None, Some(usual)) => Ok(format!("{text}:{usual}")),
-        (None, None) => Err(format!("the port of {text} is missing; write rtu+tcp://{text}:4001")),
     }
 }
 

@@ -6,6 +6,7 @@ use crate::discovery::bus::{LineAddress, Transport};
 use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::explain::explain;
 use isotherm_core::codec::{Register, Table};
+use isotherm_profile::duration_text;
 
 /// What was asked when the fault came.
 #[derive(Clone, Copy, Debug)]
@@ -33,7 +34,7 @@ pub fn remedy(fault: Fault, question: Question<'_>) -> String {
         Table::Discrete => Table::Coil,
     };
     match fault {
-        Fault::Timeout => format!("unit {unit} within {}: {said}", humantime::format_duration(timeout)),
+        Fault::Timeout => format!("unit {unit} within {}: {said}", duration_text(timeout)),
         Fault::Exception(1) => format!("unit {unit}: {said} Try {}:{}", other.name(), from.offset),
         Fault::Exception(2) => {
             let last = u32::from(from.offset) + u32::from(count).saturating_sub(1);

@@ -30,6 +30,11 @@ pub trait Dial: Send {
         Fault::Link(LinkFault::TurnedAway)
     }
 
+    /// Whether the last connection resumes the one before it. If not, another device may be at its other end.
+    fn resumes(&self) -> bool {
+        true
+    }
+
     /// How long that may take beyond the line's timeout.
     fn takes(&self) -> Duration {
         Duration::ZERO
@@ -113,6 +118,10 @@ impl Dial for NotBuiltIn {
 }
 
 /// An open connection of any kind.
+#[allow(
+    clippy::large_enum_variant,
+    reason = "there is one for each line, and the fast one must not go through a pointer"
+)]
 pub enum Connection {
     /// The kind that most have, spoken to without a detour: a loop that runs freely would feel it.
     Modbus(ModbusTcp),

@@ -126,6 +126,9 @@ pub enum LinkFault {
     /// It is down, and not yet time to try again.
     #[error("no connection")]
     Down,
+    /// Nothing was sent: the device may have been exchanged, and must pass its checks first.
+    #[error("the checks of the device come first: its connection was lost, and another device may answer")]
+    Unverified,
 }
 
 /// What is wrong with a CAN interface.
@@ -201,6 +204,7 @@ pub enum Outcome {
 impl Fault {
     pub(super) const BROKEN: Fault = Fault::Link(LinkFault::Broken);
     pub(super) const CLOSED: Fault = Fault::Link(LinkFault::Closed);
+    pub(super) const UNVERIFIED: Fault = Fault::Link(LinkFault::Unverified);
     pub(super) const UNASKED: Fault = Fault::Peer(PeerFault::Unasked);
 
     /// One word for counters and programs.
@@ -255,7 +259,8 @@ impl Fault {
                 | LinkFault::Unsuited
                 | LinkFault::Contested
                 | LinkFault::OpcUa(_)
-                | LinkFault::Down,
+                | LinkFault::Down
+                | LinkFault::Unverified,
             ) => Outcome::NotDone,
             _ => Outcome::Unknown,
         }
@@ -274,7 +279,8 @@ impl Fault {
     pub const fn has_lapsed(self) -> bool {
         matches!(
             self,
-            Fault::Caller(CallerFault::TooLate | CallerFault::Owed) | Fault::Link(LinkFault::Closed)
+            Fault::Caller(CallerFault::TooLate | CallerFault::Owed)
+                | Fault::Link(LinkFault::Closed | LinkFault::Unverified)
         )
     }
 
@@ -302,6 +308,7 @@ impl Fault {
             Fault::Peer(PeerFault::Type) => Reason::WrongType,
             Fault::Unreadable { reason, .. } => reason,
             Fault::Timeout => Reason::Timeout,
+            Fault::UNVERIFIED => Reason::NotAsExpected,
             Fault::Link(_) => Reason::LinkDown,
             Fault::Peer(_) | Fault::Caller(_) => Reason::BadReply,
         }

@@ -30,12 +30,14 @@ use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::owed::{Owed, Spans};
 use super::pipeline::Pipeline;
 use super::trace::Tap;
-use super::wire::{Answer, NodeRequest, Request};
+use super::wire::{Answer, Ending, NodeRequest, Request};
 use crate::clock::{Clock, Patience};
+use continuity::Continuity;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, Device, DeviceId};
 use units::{FIRST_PAUSE, Units};
 
+mod continuity;
 mod units;
 
 /// How many timeouts a late answer is given, beyond the first, before its unit is asked again.
@@ -79,6 +81,7 @@ pub struct DeviceLine {
     short_lives: u32,
     /// How long we give way.
     yielding: Backoff,
+    continuity: Continuity,
 }
 
 /// An answer that was checked against its question.
@@ -100,6 +103,14 @@ pub trait Witness: Send + Sync {
         outcome: Result<(), Fault>,
         refusals: (u32, Fault),
     );
+
+    /// Another device may have replaced this one, or each on the line (`None`): a connection was refused or lost.
+    fn may_be_exchanged(&self, _device: Option<DeviceId>) {}
+
+    /// Whether the device has passed its checks since its last possible exchange.
+    fn is_verified(&self, _device: DeviceId) -> bool {
+        true
+    }
 
     /// Questions go out one at a time from now on, because this came of two.
     fn gives_up_pipeline(&self, _fault: Fault) {}
@@ -137,6 +148,7 @@ impl DeviceLine {
             has_answered: false,
             short_lives: 0,
             yielding: Backoff::new(FIRST_PAUSE, seed(&bus.name)),
+            continuity: Continuity::default(),
         }
     }
 
@@ -242,12 +254,35 @@ impl DeviceLine {
     ///
     /// # Errors
     /// Every request fails here and nowhere else: see [`Fault`], and [`Fault::outcome`] for what that says of a write. A
-    /// resting device fails at once, with its last fault.
+    /// resting device fails at once, with its last fault. A device whose checks have not passed gets no request.
     pub async fn request(
         &mut self,
         device: DeviceId,
         request: Request<'_>,
         leave: Leave,
+    ) -> Result<Answered, Fault> {
+        self.ask(device, request, leave, false).await
+    }
+
+    /// As [`DeviceLine::request`], also for a device whose checks have not passed. The checks themselves use it, and polls whose
+    /// readings are discarded until then.
+    ///
+    /// # Errors
+    /// As [`DeviceLine::request`].
+    pub async fn request_unverified(
+        &mut self,
+        device: DeviceId,
+        request: Request<'_>,
+    ) -> Result<Answered, Fault> {
+        self.ask(device, request, Leave::Whenever, true).await
+    }
+
+    async fn ask(
+        &mut self,
+        device: DeviceId,
+        request: Request<'_>,
+        leave: Leave,
+        may_be_unverified: bool,
     ) -> Result<Answered, Fault> {
         let Some(place) = self.units.place(device) else {
             return Err(Fault::Caller(CallerFault::Extent));
@@ -266,10 +301,14 @@ impl DeviceLine {
         if matches!(leave, Leave::Here(_)) && !self.is_connected() {
             return Err(Fault::CLOSED);
         }
-        let number = unit.number;
+        if !may_be_unverified && self.is_unverified(place) {
+            return Err(Fault::UNVERIFIED);
+        }
+        let number = self.units.at(place).number;
         let not_before = self.units.owed.get(number).and_then(|owed| owed.not_before(request, self.spans()));
         if not_before.is_some_and(|moment| now < moment) {
-            return Err(if request.is_read() { unit.last_fault } else { Fault::Caller(CallerFault::Owed) });
+            let last_fault = self.units.at(place).last_fault;
+            return Err(if request.is_read() { last_fault } else { Fault::Caller(CallerFault::Owed) });
         }
         let mut was_connected = self.wire.is_some();
         let mut first_asked = None;
@@ -278,6 +317,9 @@ impl DeviceLine {
             let begun = self.tap.begin();
             self.departure.next(request, leave);
             let mut answer = self.make_ready(place, request, now).await;
+            if answer.is_ok() && !may_be_unverified && self.is_unverified(place) {
+                break Err(Fault::UNVERIFIED);
+            }
             if answer.is_ok()
                 && let Some(connection) = &mut self.wire
             {
@@ -331,6 +373,7 @@ impl DeviceLine {
             {
                 witness.subscribes(device, what);
             }
+            self.look_for_exchange(place, &answer, now);
             if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
                 break self.settle(place, request, answer, now);
             }
@@ -344,7 +387,8 @@ impl DeviceLine {
                 break if may_be_done { answer } else { Err(Fault::Link(LinkFault::Contested)) };
             }
             let is_free = !matches!(leave, Leave::Here(_));
-            if request.is_read() && has_ids || answer == Err(Fault::CLOSED) && is_free {
+            let may_be_asked = may_be_unverified || !self.is_unverified(place);
+            if may_be_asked && (request.is_read() && has_ids || answer == Err(Fault::CLOSED) && is_free) {
                 continue;
             }
             let _ = self.connect(now).await;
@@ -354,7 +398,7 @@ impl DeviceLine {
             break answer;
         };
         if let Some(witness) = &self.witness
-            && !matches!(answer, Err(Fault::Caller(_)))
+            && !matches!(answer, Err(Fault::Caller(_) | Fault::UNVERIFIED))
         {
             let outcome = answer.as_ref().map(|_| ()).map_err(|fault| *fault);
             witness.note(device, request, outcome, self.refusals());
@@ -388,6 +432,11 @@ impl DeviceLine {
             Err(fault) if fault.spoils_connection() => {
                 self.misses += 1;
                 let is_lost = matches!(fault, Fault::Link(_) | Fault::Peer(PeerFault::Unasked));
+                let number = self.units.at(place).number;
+                if !has_ids && self.misses >= MISSES {
+                    // The port may belong to another adapter when it is opened again.
+                    self.unit_may_be_exchanged(number);
+                }
                 if has_ids || is_lost || self.misses >= MISSES {
                     self.wire = None;
                     self.misses = 0;
@@ -405,7 +454,9 @@ impl DeviceLine {
             }
             _ => {
                 self.misses = 0;
+                self.continuity.answered();
                 let unit = self.units.at_mut(place);
+                unit.heard = now;
                 unit.breaker.succeed();
                 if unit.quirks.close_after_each {
                     self.wire = None;
@@ -418,7 +469,11 @@ impl DeviceLine {
 
     /// Hangs up: what is on its way on the connection belongs to a time that is over.
     pub fn hang_up(&mut self) {
-        self.wire = None;
+        if let Some(mut connection) = self.wire.take()
+            && connection.wire().ending() != Ending::Kept
+        {
+            self.all_may_be_exchanged();
+        }
         self.units.owed.each().for_each(Owed::anything);
     }
 
@@ -515,12 +570,17 @@ impl DeviceLine {
                 self.is_put_down = false;
                 (self.connected_at, self.has_answered) = (now, false);
                 self.redial.succeed();
+                self.continuity.connected();
+                if !self.dial.resumes() {
+                    self.all_may_be_exchanged();
+                }
                 Ok(())
             }
             Err(fault) => {
                 self.is_put_down = false;
                 self.redial.fail(now);
                 self.refused = fault;
+                self.all_may_be_exchanged();
                 Err(fault)
             }
         }

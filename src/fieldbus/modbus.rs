@@ -15,9 +15,9 @@ use std::time::Duration;
 use super::departure::Departure;
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::pdu;
-use super::port::{Port, Tapped};
+use super::port::{Port, Tapped, is_in_order};
 use super::trace::Tap;
-use super::wire::{Answer, Boxed, Request, Wire};
+use super::wire::{Answer, Boxed, Ending, Request, Wire};
 use crate::tls::TlsFault;
 use behind::Behind;
 use isotherm_core::quantity::Moment;
@@ -44,6 +44,7 @@ pub struct ModbusTcp {
     behind: Behind,
     /// When the last question left, if it was answered; long ago, if not.
     answered: Moment,
+    ending: Ending,
 }
 
 /// What stands first in the bytes that have come.
@@ -66,6 +67,7 @@ impl ModbusTcp {
             filled: 0,
             behind: Behind::default(),
             answered: Moment::default(),
+            ending: Ending::Lost,
         }
     }
 
@@ -95,7 +97,7 @@ impl ModbusTcp {
         let behind = self.behind.take_question();
         let behind = behind.map(|(unit, request)| (unit, request, self.frame(unit, request)));
         let asked = departure.leave()?;
-        self.port.send(&self.question).await.map_err(broken)?;
+        self.port.send(&self.question).await.map_err(|error| self.ended(Some(&error), Fault::BROKEN))?;
         if let Some((unit, request, transaction)) = behind {
             self.behind.left(unit, request, transaction, asked);
         }
@@ -111,8 +113,8 @@ impl ModbusTcp {
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {
                 Ok(())
             }
-            Err(error) => Err(judged(&error, Fault::CLOSED)),
-            Ok(0) => Err(Fault::CLOSED),
+            Err(error) => Err(self.ended(Some(&error), Fault::CLOSED)),
+            Ok(0) => Err(self.ended(None, Fault::CLOSED)),
             Ok(_) => Err(Fault::Peer(PeerFault::Unasked)),
         }
     }
@@ -171,11 +173,20 @@ impl ModbusTcp {
                 }
                 self.forget_first(end);
             }
-            match self.port.receive(&mut self.received[self.filled..]).await.map_err(broken)? {
-                0 => return Err(Fault::BROKEN),
-                count => self.filled += count,
+            match self.port.receive(&mut self.received[self.filled..]).await {
+                Ok(0) => return Err(self.ended(None, Fault::BROKEN)),
+                Ok(count) => self.filled += count,
+                Err(error) => return Err(self.ended(Some(&error), Fault::BROKEN)),
             }
         }
+    }
+
+    /// Notes how the connection ended, with or without an error. Returns the fault: that of TLS, or else `otherwise`.
+    fn ended(&mut self, error: Option<&io::Error>, otherwise: Fault) -> Fault {
+        if self.filled == 0 && is_in_order(error) {
+            self.ending = Ending::Closed;
+        }
+        error.and_then(TlsFault::of).map_or(otherwise, |fault| Fault::Link(LinkFault::Tls(fault)))
     }
 
     /// What stands first in what has come; `None` while that is less than a header.
@@ -204,15 +215,6 @@ impl First {
     }
 }
 
-fn broken(error: io::Error) -> Fault {
-    judged(&error, Fault::BROKEN)
-}
-
-/// What TLS says of it, or else what it is.
-fn judged(error: &io::Error, otherwise: Fault) -> Fault {
-    TlsFault::of(error).map_or(otherwise, |fault| Fault::Link(LinkFault::Tls(fault)))
-}
-
 impl Wire for ModbusTcp {
     fn exchange<'a>(
         &'a mut self,
@@ -229,6 +231,10 @@ impl Wire for ModbusTcp {
 
     fn has_behind(&self) -> bool {
         self.behind.is_under_way()
+    }
+
+    fn ending(&mut self) -> Ending {
+        self.ending
     }
 }
 

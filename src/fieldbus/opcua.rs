@@ -69,6 +69,8 @@ pub(super) struct OpcUaDial {
     files: Option<Files>,
     /// What is kept beyond a connection: the session, which the next one takes up.
     known: Option<Known>,
+    /// The server did not know the session of the connection before.
+    is_forgotten: bool,
 }
 
 /// What is known of a server.
@@ -85,13 +87,21 @@ impl OpcUaDial {
         let address = host_and_port(&bus.address).to_owned();
         let (url, timeout) = (bus.address.clone(), bus.timeout);
         let files = Files::read(line).ok();
-        Some(OpcUaDial { url, address, security: line.security, timeout, files, known: None })
+        Some(OpcUaDial {
+            url,
+            address,
+            security: line.security,
+            timeout,
+            files,
+            known: None,
+            is_forgotten: false,
+        })
     }
 
     async fn open(&mut self) -> Result<Connection, Fault> {
         let Some(files) = &self.files else { return Err(fault(OpcUaFault::OurFiles)) };
         files.own_is_valid().map_err(fault)?;
-        let mut taken_up = None;
+        let (mut taken_up, had_session) = (None, self.known.is_some());
         if self.known.as_ref().is_some_and(|known| known.session.is_alive()) {
             let socket = connected(&self.address, self.timeout).await?;
             // Whatever fails from here on, its endpoint may be another by now, and its certificate: they are asked for anew.
@@ -99,6 +109,7 @@ impl OpcUaDial {
                 taken_up = self.take_up(files, known, socket).await;
             }
         }
+        self.is_forgotten = had_session && taken_up.is_none();
         let (mut link, known) = match taken_up {
             Some(taken_up) => taken_up,
             None => self.begin(files).await?,
@@ -165,6 +176,10 @@ fn fault(why: OpcUaFault) -> Fault {
 impl Dial for OpcUaDial {
     fn dial<'a>(&'a mut self, _: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         Box::pin(self.open())
+    }
+
+    fn resumes(&self) -> bool {
+        !self.is_forgotten
     }
 
     fn takes(&self) -> Duration {

@@ -39,6 +39,13 @@ impl Port for TcpStream {
 
 impl Port for DuplexStream {}
 
+/// Whether the other end of a stream that ended between two answers closed it in order. A device that is switched off does
+/// not close its connections, and resets them when it is back.
+pub(super) fn is_in_order(error: Option<&io::Error>) -> bool {
+    // A reset after a close is a broken pipe. Many devices close TLS without its closing message, an unexpected end.
+    error.is_none_or(|error| matches!(error.kind(), io::ErrorKind::BrokenPipe | io::ErrorKind::UnexpectedEof))
+}
+
 /// A port whose bytes pass a tap.
 pub(super) struct Tapped {
     port: Box<dyn Port>,

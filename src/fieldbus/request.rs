@@ -178,7 +178,7 @@ impl Answer {
         if let Answer::Nodes(nodes) = self { nodes.get(usize::from(field.at)) } else { None }
     }
 
-    /// The value of a signal, whose part of the answer this is.
+    /// The value of a signal from its part of the answer.
     ///
     /// # Errors
     /// Why there is none.
@@ -218,7 +218,7 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// What writes these values there, by the functions that the device may be sent.
+    /// The request that writes these values to that address, with a function that the device supports.
     pub fn write(at: &'a Address, values: &'a [u16], functions: Functions) -> Request<'a> {
         match at {
             Address::Modbus(Register { offset, .. }) => Request::write_holding(*offset, values, functions),

@@ -17,9 +17,9 @@ use super::departure::Departure;
 use super::error::{CallerFault, Fault, PeerFault};
 use super::owed::Mark;
 use super::pdu;
-use super::port::{Port, Tapped};
+use super::port::{Port, Tapped, is_in_order};
 use super::trace::Tap;
-use super::wire::{Answer, Boxed, Request, Wire};
+use super::wire::{Answer, Boxed, Ending, Request, Wire};
 use crate::clock::{Patience, Silence};
 use isotherm_profile::Serial;
 
@@ -47,6 +47,7 @@ pub struct Rtu {
     /// What units may still answer to questions that were given up, and those that have.
     owed: Vec<(u8, Mark)>,
     late: Vec<u8>,
+    ending: Ending,
 }
 
 impl Rtu {
@@ -63,6 +64,7 @@ impl Rtu {
             discarded: Vec::new(),
             owed: Vec::new(),
             late: Vec::new(),
+            ending: Ending::Lost,
         }
     }
 
@@ -113,7 +115,8 @@ impl Rtu {
     async fn receive(&mut self) -> Result<(), Fault> {
         let mut bytes = [0; frame::LONGEST];
         match self.port.receive(&mut bytes).await {
-            Ok(0) | Err(_) => Err(Fault::BROKEN),
+            Ok(0) => Err(self.ended(None, Fault::BROKEN)),
+            Err(error) => Err(self.ended(Some(&error), Fault::BROKEN)),
             Ok(count) => {
                 self.silence = Silence::begin();
                 self.received.extend(&bytes[..count]);
@@ -130,7 +133,8 @@ impl Rtu {
             match self.port.take_waiting(&mut bytes) {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
-                Ok(0) | Err(_) => return Err(Fault::CLOSED),
+                Ok(0) => return Err(self.ended(None, Fault::CLOSED)),
+                Err(error) => return Err(self.ended(Some(&error), Fault::CLOSED)),
                 Ok(count) => {
                     self.discard(&bytes[..count]);
                     // One that never stops must not keep everybody else from their turn.
@@ -151,12 +155,21 @@ impl Rtu {
         let mut bytes = [0; frame::LONGEST];
         match self.patience.within(span, self.port.receive(&mut bytes)).await {
             None => Ok(false),
-            Some(Ok(0) | Err(_)) => Err(Fault::CLOSED),
+            Some(Ok(0)) => Err(self.ended(None, Fault::CLOSED)),
+            Some(Err(error)) => Err(self.ended(Some(&error), Fault::CLOSED)),
             Some(Ok(count)) => {
                 self.discard(&bytes[..count]);
                 Ok(true)
             }
         }
+    }
+
+    /// Notes how the connection ended, with or without an error. A serial port never ends in order: its adapter is gone.
+    fn ended(&mut self, error: Option<&io::Error>, fault: Fault) -> Fault {
+        if self.serial.is_none() && self.received.is_empty() && is_in_order(error) {
+            self.ending = Ending::Closed;
+        }
+        fault
     }
 
     /// Something came that nobody asked for.
@@ -219,7 +232,7 @@ impl Wire for Rtu {
             self.heard = None;
             let question = frame::request(unit, request);
             departure.leave()?;
-            self.port.send(&question).await.map_err(|_| Fault::BROKEN)?;
+            self.port.send(&question).await.map_err(|error| self.ended(Some(&error), Fault::BROKEN))?;
             // The port takes all bytes at once and sends them one after the other.
             let sending = self.serial.map_or(Duration::ZERO, |serial| serial.bytes(question.len()));
             self.silence = Silence::begin_after(sending);
@@ -262,6 +275,10 @@ impl Wire for Rtu {
 
     fn heard_late(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.late)
+    }
+
+    fn ending(&mut self) -> Ending {
+        self.ending
     }
 
     fn listen(&mut self, unit: u8, span: Duration, quiet: Duration) -> Boxed<'_, Result<(), Fault>> {

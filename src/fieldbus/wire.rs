@@ -16,6 +16,17 @@ pub use super::request::{Answer, CanRequest, NodeReading, NodeRequest, Request, 
 /// A future that a trait object can return.
 pub type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
+/// How a connection ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// Reset, broken in the middle of an answer, or not known.
+    Lost,
+    /// Closed by the other end in order, between two answers.
+    Closed,
+    /// The wire or its owner recognises an exchanged device by other means, as OPC UA and frames do.
+    Kept,
+}
+
 /// An open connection.
 pub trait Wire: Send {
     /// Sends the request and waits for its answer, for as long as it takes. The answer has been checked against the
@@ -71,6 +82,11 @@ pub trait Wire: Send {
     /// What there is to say of a subscription, once.
     fn subscription_news(&mut self) -> Option<String> {
         None
+    }
+
+    /// Returns how the connection ended, as far as the wire knows.
+    fn ending(&mut self) -> Ending {
+        Ending::Lost
     }
 
     /// Takes leave of the other end, where that keeps something for this one until then.

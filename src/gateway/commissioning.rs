@@ -65,7 +65,7 @@ impl Commissioning {
         wrong.or_else(|| findings().find(|finding| **finding == Finding::Unknown)).unwrap_or(&Finding::Fit)
     }
 
-    /// The device was lost or restarted: it is set up, and everything is checked, anew.
+    /// Forgets what was found: the device may have been exchanged or restarted, so it is set up and checked again.
     pub(super) fn forget(&mut self, device: DeviceId) {
         self.rounds[device.0] += 1;
         if self.is_fit(device) {
@@ -86,13 +86,8 @@ impl Commissioning {
 
 impl Finding {
     fn begin(device: &Device) -> Finding {
-        if is_looked_at(device) { Finding::Unknown } else { Finding::Fit }
+        if device.is_checked() { Finding::Unknown } else { Finding::Fit }
     }
-}
-
-/// There is something to check, or to set up first.
-pub(super) fn is_looked_at(device: &Device) -> bool {
-    !device.verify.is_empty() || device.can.as_ref().is_some_and(|can| !can.setup.is_empty())
 }
 
 /// The devices that any model of the axis reads, and those that its outputs write to.

@@ -53,6 +53,8 @@ pub(super) struct Lost {
     pub(super) fault: String,
     /// Requests that failed since.
     pub(super) missed: u64,
+    /// Those in a row.
+    in_a_row: u64,
     pub(super) reported: bool,
     /// It answers again, since then.
     pub(super) answers_since: Option<Moment>,
@@ -152,6 +154,7 @@ impl Contact {
         count.answered = true;
         let has_returned = match &mut count.lost {
             Some(lost) if lost.reported => {
+                lost.in_a_row = 0;
                 now.since(*lost.answers_since.get_or_insert(now)) >= BELIEVED_AFTER
             }
             _ => true,
@@ -166,8 +169,8 @@ impl Contact {
         }));
     }
 
-    /// A request to a device failed, after so many attempts to connect that came to this. Whether it counts as lost with
-    /// that: what comes back may be another one, or one that has forgotten how it was set.
+    /// Counts a failed request, after so many attempts to connect that failed like this. Returns whether as many requests in a
+    /// row have failed as a possible exchange of the device takes.
     pub(super) fn fails(
         &mut self,
         id: DeviceId,
@@ -193,23 +196,19 @@ impl Contact {
             _ => REPORTED_AFTER,
         };
         let lost = count.misses(explained);
-        let is_lost = lost.missed >= reported_after && !lost.reported;
-        if is_lost {
+        if lost.missed >= reported_after && !lost.reported {
             events.push(lost.report(self.profile.device(id)));
         }
-        is_lost
+        lost.in_a_row == reported_after
     }
 
-    /// Nothing comes of a device any more; reported once, but for a bus that is down, which has been. Whether it was: then
-    /// the device is to be looked at anew when it comes back.
-    pub(super) fn is_silent(&mut self, id: DeviceId, fault: String, events: &mut Vec<Event>) -> bool {
+    /// Nothing comes of a device any more; reported once, but for a bus that is down, which has been.
+    pub(super) fn is_silent(&mut self, id: DeviceId, fault: String, events: &mut Vec<Event>) {
         let is_down = self.buses[self.profile.device(id).bus.0].down.is_some();
         let lost = self.devices[id.0].misses(fault);
-        let is_lost = !is_down && !lost.reported;
-        if is_lost {
+        if !is_down && !lost.reported {
             events.push(lost.report(self.profile.device(id)));
         }
-        is_lost
     }
 
     /// There is a connection, or an interface, again.
@@ -242,6 +241,7 @@ impl DeviceCount {
     fn misses(&mut self, fault: String) -> &mut Lost {
         let lost = self.lost.get_or_insert_default();
         (lost.missed, lost.answers_since, lost.fault) = (lost.missed + 1, None, fault);
+        lost.in_a_row += 1;
         lost
     }
 }

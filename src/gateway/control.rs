@@ -8,13 +8,15 @@
 //! |---|---|
 //! | `axis=z` | only this axis |
 //! | `until=8123.25` | carry it out until so many seconds after the start of this computer (CLOCK_BOOTTIME), or never |
+//! | `time=2026-01-31T12:00:00Z`, `id=part-17/2` | with `measured`: the time and the name of the measurement, which counts once |
 //! | `stay` | with `arm` and `sign`: go on answering until it is done; when I go, I do not want it any more |
 //!
 //! `arm` → `ok z: armed`, `error …`, or after a while `waits z: waiting to arm: …`. With `stay` more lines follow: `waits` with
 //! each other reason, `still` once a second, at last `ok` or `error`.
 //!
-//! `sign axis=z stay` takes Cz a little way to plus: `waits …`, and `ok` with which way a gauge must have moved when it is there;
-//! `sign-plus`, `sign-minus`, `sign-none` say which way it did, and Cz goes back. So it does when the asker goes.
+//! `sign axis=z stay` takes Cz a little way to plus: `waits …`, and `ok` with which way a gauge must have moved when it is there.
+//! The connection stays open until the check is over, and the check ends when the client closes it. `sign-plus`, `sign-minus`
+//! and `sign-none`, on a connection of their own, report which way the gauge moved, and Cz goes back.
 //!
 //! `status` → `ok` and the state as one line of JSON. `restart`: see [`restart`].
 //!
@@ -44,13 +46,15 @@ use crate::fieldbus::explain::system;
 use crate::fieldbus::trace::{Exchange, Listening};
 use crate::observe::asker::{Asker, Attendance, Connection, PATIENCE, Way};
 use crate::observe::status::{Answer, Command, Source, Status};
-use isotherm_profile::one_line;
+use isotherm_core::compensation::MeasuredReport;
+use isotherm_profile::{counted, one_line};
 
 mod client;
 mod restart;
 mod sockets;
 mod user;
 
+pub use super::sign::PATIENCE as SIGN_ANSWERED_WITHIN;
 pub use client::{
     Failure, Presence, arm, presence, restart, restart_is_wrong, send, send_measured, sign, status, trace,
 };
@@ -59,7 +63,7 @@ pub use user::forbidden;
 
 /// How long whoever arms and does not stay waits to hear what comes of it.
 const ARMING: Duration = Duration::from_secs(3);
-/// How long a client that stays gets no message that its request waits.
+/// Delay before a client that stays connected is informed that its request waits.
 const SHORTLY: Duration = Duration::from_millis(500);
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
 /// Who stays hears this often that somebody is there.
@@ -253,7 +257,11 @@ async fn follow(source: &dyn Source, line: &Line<'_>, writer: &mut OwnedWriteHal
             _ => source.arming(line.axis),
         };
         let text = match progress {
-            Ok(Answer::Done(text)) => return say(writer, &said_in_a_line("ok", &text)).await,
+            Ok(Answer::Done(text)) => {
+                say(writer, &said_in_a_line("ok", &text)).await?;
+                wait_for_answer(source, line).await;
+                return Ok(());
+            }
             Ok(Answer::TooSoon(why)) | Err(why) => {
                 return say(writer, &said_in_a_line("error", &why)).await;
             }
@@ -275,11 +283,23 @@ async fn follow(source: &dyn Source, line: &Line<'_>, writer: &mut OwnedWriteHal
     }
 }
 
+/// Keeps the connection of a client that stays while a person reads the gauge: the gateway ends a sign check whose connection
+/// is closed. Returns when the check is over. Any other request is over already.
+async fn wait_for_answer(source: &dyn Source, line: &Line<'_>) {
+    let is_sign_check = line.stays && line.what == What::Command(Command::Sign);
+    while is_sign_check && source.signing(line.axis).is_ok() {
+        tokio::time::sleep(LOOK_AGAIN).await;
+    }
+}
+
 /// What a line asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Line<'a> {
     what: What<'a>,
     axis: Option<&'a str>,
+    /// Of a measurement.
+    time: Option<&'a str>,
+    id: Option<&'a str>,
     /// Since the computer was started.
     until: Option<Duration>,
     stays: bool,
@@ -303,10 +323,12 @@ impl<'a> Line<'a> {
             }
             word => What::Command(Command::ALL.into_iter().find(|(name, _)| *name == word)?.1),
         };
-        let mut line = Line { what, axis: None, until: None, stays: false };
+        let mut line = Line { what, axis: None, time: None, id: None, until: None, stays: false };
         for word in words {
             match word.split_once('=') {
                 Some(("axis", axis)) if matches!(what, What::Command(_)) => line.axis = Some(axis),
+                Some(("time", time)) if matches!(what, What::Measured(_, Some(_))) => line.time = Some(time),
+                Some(("id", id)) if matches!(what, What::Measured(_, Some(_))) => line.id = Some(id),
                 Some(("until", seconds)) => {
                     line.until = Some(Duration::try_from_secs_f64(seconds.parse().ok()?).ok()?);
                 }
@@ -331,7 +353,10 @@ impl<'a> Line<'a> {
     fn execute(&self, source: &dyn Source, asker: &Arc<Asker>) -> Result<Answer, String> {
         match self.what {
             What::Command(command) => source.command(command, self.axis, asker),
-            What::Measured(axis, error) => source.measured(axis, error, asker),
+            What::Measured(axis, error) => {
+                let report = error.map(|error| MeasuredReport::new(error, self.time, self.id));
+                source.measured(axis, report.transpose()?, asker)
+            }
         }
     }
 }
@@ -429,12 +454,12 @@ fn line(exchange: &Exchange, json: bool) -> String {
 fn ended(count: u64, dropped: u64) -> String {
     let left_out = match dropped {
         0 => String::new(),
-        dropped => format!(", {dropped} more were left out because they were not taken fast enough"),
+        dropped => format!(", {dropped} more left out because they were not taken fast enough"),
     };
     match count {
         0 => "end nothing was sent to it: it is left alone after a failure (see the events), or has nothing to read\n"
             .to_owned(),
-        count => format!("end {count} exchanges{left_out}\n"),
+        count => format!("end {}{left_out}\n", counted(count, "exchange")),
     }
 }
 

@@ -24,6 +24,7 @@ use isotherm_core::compensation::settings::OnFault;
 use isotherm_core::compensation::{AxisState, Compensation, Control, Remembered, Snapshot};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::Reason;
+use isotherm_profile::duration_text;
 use isotherm_profile::{Arm, AxisId, OnStop, Output, OutputId, Profile, Writes};
 
 /// What a request to arm waits for is reported at most this often.
@@ -303,7 +304,7 @@ impl Core {
             let why = if asked.by.has_left() {
                 format!("cancelled: whoever asked has gone ({:?})", asked.by)
             } else if now >= asked.until {
-                let timeout = humantime::format_duration(self.given.profile.arm_timeout);
+                let timeout = duration_text(self.given.profile.arm_timeout);
                 format!("the request to arm has expired after {timeout}: {}", self.why(axis, now))
             } else {
                 continue;
@@ -397,8 +398,8 @@ impl Core {
         }
     }
 
-    /// An output's register was found to hold this much Cz after it had not been known: the axis goes on from there. Whether
-    /// that output is the one by which it does.
+    /// An unknown register was read and holds this Cz: the axis resumes from it. Returns whether the axis resumes by this
+    /// output.
     pub(super) fn found(&mut self, id: OutputId, cz: Micron) -> bool {
         let profile = &self.given.profile;
         let Output { axis: AxisId(axis), writes, .. } = *profile.output(id);

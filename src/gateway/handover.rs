@@ -1,5 +1,5 @@
 //! What a gateway hands to the program that takes its place in the same process: which axes were armed, so that they go on
-//! as they were.
+//! as they were. How it gets there: [`memfd`].
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -11,6 +11,10 @@ use super::core::Core;
 use crate::observe::asker::{Asker, Way};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::AxisId;
+
+mod memfd;
+
+pub use memfd::digest_path;
 
 /// What the one says to the other.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

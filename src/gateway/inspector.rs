@@ -3,8 +3,7 @@
 
 use std::time::Duration;
 
-use super::commissioning::{Finding, is_looked_at};
-use crate::fieldbus::departure::Leave;
+use super::commissioning::Finding;
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, CanRequest, Request};
@@ -33,14 +32,28 @@ struct Inspection {
     device: DeviceId,
     due: Moment,
     missed: u32,
+    /// Polls, or frames that the device sends, show whether it is present.
+    is_heard: bool,
     /// The round for which it was set up.
     set_up: Option<u64>,
 }
 
+/// Result of reading the checks of a device.
+enum Found {
+    Known(Finding),
+    /// The device does not answer, which is reported elsewhere.
+    NoAnswer,
+    /// Another device may have replaced it between two answers.
+    Exchanged,
+}
+
 impl Inspector {
     pub(super) fn new(profile: &Profile, bus: BusId, start: Moment) -> Inspector {
-        let checked = profile.devices_on(bus).filter(|(_, device)| is_looked_at(device));
-        let inspection = |(device, _)| Inspection { device, due: start, missed: 0, set_up: None };
+        let checked = profile.devices_on(bus).filter(|(_, device)| device.is_checked());
+        let inspection = |(device, _)| {
+            let is_heard = profile.device(device).can.is_some() || !profile.requests(device).is_empty();
+            Inspection { device, due: start, missed: 0, is_heard, set_up: None }
+        };
         Inspector(checked.map(inspection).collect())
     }
 
@@ -58,17 +71,15 @@ impl Inspector {
                 continue;
             }
             let found = inspection.look(line, shared, can, round).await;
-            if shared.core().commissioning.round(id) != round {
-                // It was restarted meanwhile: that was another one.
-                continue;
-            }
             let pause = match found {
-                Some(Finding::Wrong(_)) => LOOK_AGAIN,
-                Some(_) => Duration::ZERO,
-                None => ASK_AGAIN,
+                // The answers may come from two devices.
+                Found::Exchanged => continue,
+                Found::Known(Finding::Wrong(_)) => LOOK_AGAIN,
+                Found::Known(_) => Duration::ZERO,
+                Found::NoAnswer => ASK_AGAIN,
             };
             inspection.due = shared.clock.now().after(pause);
-            if let Some(found) = found {
+            if let Found::Known(found) = found {
                 commissioned(shared, id, found);
             }
         }
@@ -76,58 +87,78 @@ impl Inspector {
 }
 
 impl Inspection {
-    /// It is fit; or it did not answer, and its polls shall find out first whether it is there at all.
+    /// Whether nothing is to be checked now: it is fit; or it did not answer, and its polls shall find out first whether it is
+    /// there at all.
     fn is_needless(&self, shared: &LineHandle) -> bool {
         let core = shared.core();
         let lost = core.contact.devices[self.device.0].lost.as_ref();
         core.commissioning.is_fit(self.device)
-            || (self.missed > 0 && lost.is_some_and(|lost| lost.answers_since.is_none()))
+            || (self.is_heard && self.missed > 0 && lost.is_some_and(|lost| lost.answers_since.is_none()))
     }
 
-    /// Sets it up and reads every check; `None` where the device does not answer, which is reported elsewhere.
+    /// Sets it up and reads every check.
     async fn look(
         &mut self,
         line: &mut DeviceLine,
         shared: &LineHandle,
         can: Option<&Can>,
-        round: u64,
-    ) -> Option<Finding> {
+        mut round: u64,
+    ) -> Found {
         let mut wrong = Vec::new();
         if can.is_some() && self.set_up != Some(round) {
             match set_up(line, shared, self.device).await {
                 Ok(found) if found.is_empty() => self.set_up = Some(round),
                 // Nothing can be set up, and still it is to be read.
                 Ok(found) if shared.dry_run => wrong = found,
-                Ok(found) => return Some(Finding::Wrong(found.join("; "))),
+                Ok(found) if self.is_of(round, shared) => {
+                    return Found::Known(Finding::Wrong(found.join("; ")));
+                }
+                Ok(_) => return Found::Exchanged,
                 Err(_) => {
                     self.missed += 1;
-                    return None;
+                    return Found::NoAnswer;
                 }
             }
         }
-        for expected in &shared.profile.device(self.device).verify {
+        for (place, expected) in shared.profile.device(self.device).verify.iter().enumerate() {
             let request = Request::read(&expected.address, expected.encoding.data_type);
             let Some(request) = request else {
                 wrong.push(expected.unreadable(Fault::Caller(CallerFault::Function)));
                 continue;
             };
-            let found = line.request(self.device, request, Leave::Whenever).await;
+            let found = line.request_unverified(self.device, request).await;
+            if place == 0 && can.is_none() {
+                // The first answer comes from the present device, even if the connection was lost before it.
+                round = shared.core().commissioning.round(self.device);
+            }
             match found.and_then(|found| found.answer.believed()) {
                 Ok(found) => wrong.extend(expected.mismatch(registers(&found).registers())),
                 Err(fault) if fault.is_refusal() => wrong.push(expected.unreadable(fault)),
                 Err(fault) => {
-                    self.missed += 1;
+                    // A connection that cannot be made says nothing of the register.
+                    self.missed = if fault.is_of_the_line() { self.missed.max(1) } else { self.missed + 1 };
                     // It answers its polls and never this: some devices are silent where they have no register.
-                    let is_silent = self.missed >= BELIEVED_SILENT;
-                    return is_silent.then(|| Finding::Wrong(expected.unreadable(fault)));
+                    let is_silent = self.is_heard && self.missed >= BELIEVED_SILENT;
+                    return match is_silent {
+                        true => Found::Known(Finding::Wrong(expected.unreadable(fault))),
+                        false => Found::NoAnswer,
+                    };
                 }
             }
+        }
+        if !self.is_of(round, shared) {
+            return Found::Exchanged;
         }
         self.missed = 0;
         if let Some(can) = can {
             can.is_set_up(self.device);
         }
-        Some(if wrong.is_empty() { Finding::Fit } else { Finding::Wrong(wrong.join("; ")) })
+        Found::Known(if wrong.is_empty() { Finding::Fit } else { Finding::Wrong(wrong.join("; ")) })
+    }
+
+    /// Whether the device has not been exchanged or restarted since this round began.
+    fn is_of(&self, round: u64, shared: &LineHandle) -> bool {
+        shared.core().commissioning.round(self.device) == round
     }
 }
 
@@ -146,11 +177,7 @@ async fn set_up(line: &mut DeviceLine, shared: &LineHandle, device: DeviceId) ->
             true => CanRequest::Read { object: setup.object },
             false => CanRequest::Write { object: setup.object, values: value.registers() },
         };
-        match line
-            .request(device, Request::Can(request), Leave::Whenever)
-            .await
-            .map(|answered| answered.answer)
-        {
+        match line.request_unverified(device, Request::Can(request)).await.map(|answered| answered.answer) {
             Ok(Answer::Registers(found)) if found != value.registers() => wrong.push(format!(
                 "{} is not {} yet, and nothing is set up while nothing may be written",
                 named(setup),

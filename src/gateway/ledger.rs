@@ -1,4 +1,4 @@
-//! What of the outputs must outlive the process: whose part of a shared register is what, what may still appear in a
+//! What of the outputs must outlive the process: the division of a shared register, what may still appear in a
 //! register, and whether the last run ended in order. How that is used: [`isotherm_core::output`].
 //!
 //! One JSON file in the state directory (`file.rs`). A thread of its own puts it on disk; whoever depends on that asks

@@ -156,6 +156,22 @@ impl Witness for LineHandle {
         }
     }
 
+    fn may_be_exchanged(&self, device: Option<DeviceId>) {
+        let mut core = self.core();
+        match device {
+            Some(device) => core.commissioning.forget(device),
+            None => {
+                let here = self.profile.devices_on(self.bus);
+                here.for_each(|(device, _)| core.commissioning.forget(device));
+            }
+        }
+    }
+
+    /// A dry run writes nothing, so it reads the outputs of a wrong device, too.
+    fn is_verified(&self, device: DeviceId) -> bool {
+        self.dry_run || self.core().commissioning.is_fit(device)
+    }
+
     fn gives_up_pipeline(&self, fault: Fault) {
         let bus = self.profile.bus(self.bus).name.clone();
         self.core().events.push(Event::PipelineGivenUp { bus, fault: fault.to_string() });

@@ -18,10 +18,14 @@ use crate::observe::asker::Asker;
 use crate::observe::events::file::{self, Found};
 use crate::observe::events::{Entry, Event};
 use crate::observe::status::{Answer, Command, Source, Status};
-use isotherm_core::compensation::{Measured, Refused, Snapshot};
+use isotherm_core::compensation::{Measured, MeasuredReport, Refused, Snapshot};
 use isotherm_core::quantity::{Micron, Moment, time};
 use isotherm_profile::AxisId;
 use isotherm_profile::regular::quoted;
+
+/// Answer to a zero that nothing is measured from.
+const NO_ZERO: &str = "nothing is captured: the profile has no reference \"zero\" here; write reference = \"zero\" in a model, or \
+                       datum = \"zero\" in its axis, and restart";
 
 /// What page, API and command socket have at hand: one hold to look, one to command.
 pub(super) struct Panel {
@@ -67,8 +71,8 @@ impl Source for Panel {
         signing::progress(&core, axis)
     }
 
-    fn measured(&self, axis: &str, error: Option<f64>, asker: &Asker) -> Result<Answer, String> {
-        self.commands.measured(axis, error, asker)
+    fn measured(&self, axis: &str, report: Option<MeasuredReport>, asker: &Asker) -> Result<Answer, String> {
+        self.commands.measured(axis, report, asker)
     }
 
     fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String> {
@@ -193,6 +197,10 @@ impl CommandHandle {
                 }
                 Command::Zero => {
                     let (now, only) = (shared.clock.now(), axis.map(|_| chosen[0]));
+                    let of = if only.is_some() { format!("{said}: ") } else { String::new() };
+                    if !chosen.iter().any(|axis| shared.profile.axes[*axis].counts_from_zero()) {
+                        return Ok(Answer::Done(format!("{of}{NO_ZERO}")));
+                    }
                     match only {
                         None => core.compensation.zero(now),
                         Some(place) if core.compensation.zero_axis(place, now) => {}
@@ -204,7 +212,6 @@ impl CommandHandle {
                     }
                     core.storage.zeroed(now, only);
                     core.events.push(Event::Zeroed);
-                    let of = if only.is_some() { format!("{said}: ") } else { String::new() };
                     Ok(Answer::Done(format!("{of}references are captured from now on")))
                 }
                 Command::Sign => signing::begin(core, one(&chosen)?, asker, shared.clock.now()),
@@ -395,16 +402,13 @@ impl CommandHandle {
     }
 
     /// The error is that of the diameter where the axis acts on one.
-    fn measured(&self, axis: &str, error: Option<f64>, asker: &Asker) -> Result<Answer, String> {
+    fn measured(&self, axis: &str, report: Option<MeasuredReport>, asker: &Asker) -> Result<Answer, String> {
         let shared = &*self.0;
-        let verb = if error.is_some() { "measured" } else { "measured clear" };
+        let verb = if report.is_some() { "measured" } else { "measured clear" };
         if let Err(too_soon) = self.takes(verb, &about(self.chosen(Some(axis)).as_deref())) {
             return Ok(too_soon);
         }
-        let command = match error {
-            Some(error) => format!("measured {error} µm"),
-            None => "measured clear".to_owned(),
-        };
+        let command = report.as_ref().map_or(verb.to_owned(), |report| format!("{verb} {report}"));
         self.carry_out((command, vec![quoted(axis).into_owned()]), asker, String::as_str, |core| {
             let place = self.chosen(Some(axis))?[0];
             let settings = &shared.profile.axes[place];
@@ -413,7 +417,7 @@ impl CommandHandle {
                     "axis {axis} takes no measured errors: its profile has no [axis.{axis}.probe]"
                 ));
             }
-            let Some(error) = error else {
+            let Some(report) = report else {
                 core.probing[place].forget = true;
                 core.probing[place].measured = None;
                 return Ok(format!(
@@ -424,12 +428,16 @@ impl CommandHandle {
                 return Err("the gateway is stopping".to_owned());
             }
             let of_radius = if settings.diameter { 0.5 } else { 1.0 };
-            let error_of_radius =
-                Micron::new(error * of_radius).ok_or("a measured error is a finite number, in µm")?;
+            let error_of_radius = Micron::new(report.error_um * of_radius)
+                .ok_or("a measured error is a finite number, in µm")?;
+            let now = shared.clock.now();
+            let rejected = core.compensation.check_report(place, &report, (now, shared.clock.shift())).err();
+            if let Some(why) = rejected {
+                return Err(format!("{axis}: rejected: {why}"));
+            }
             let acting = acting(place, &core.outputs, &core.arming[place])
                 .ok_or_else(|| format!("{axis}: {}; measure again when it is", Missed::Acting.message()))?;
             let measured = Measured { error: error_of_radius, acting: Some(acting) };
-            let now = shared.clock.now();
             core.board.look(now);
             let snapshot = Snapshot::new(now, core.board.seen());
             let refused = core.compensation.would_learn(place, &snapshot, measured).err();
@@ -441,6 +449,7 @@ impl CommandHandle {
                 Some((Refused::Doubted(_), why)) => format!("not learned from yet: {why}"),
                 Some((_, why)) => return Err(format!("{axis}: not learned from: {why}")),
             };
+            core.compensation.take_report(place, report, now);
             core.probing[place].measured = Some(measured);
             Ok(format!("{axis}: {error_of_radius} with a Cz of {acting} acting; {taken}"))
         })

@@ -200,6 +200,8 @@ impl LineTask {
                 Turn::Inspect => {
                     self.inspects = false;
                     self.inspector.inspect(&mut self.line, &self.shared, self.can.as_deref()).await;
+                    let now = self.line.looked();
+                    self.polls.iter_mut().for_each(|poll| poll.make_up(&self.shared, now));
                 }
                 Turn::Read(place) => self.read(place, now).await,
                 Turn::Step => self.step(now),

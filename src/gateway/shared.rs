@@ -134,7 +134,7 @@ impl Shared {
         self.turns[bus.0].load(Ordering::Relaxed)
     }
 
-    /// How often there was something new for a line: what a line that never sleeps learns of a wakeup.
+    /// Number of wakeups of a line so far. A line that never sleeps learns of its wakeups by this count.
     pub(super) fn news(&self, bus: BusId) -> u64 {
         self.news[bus.0].load(Ordering::Relaxed)
     }

@@ -14,7 +14,7 @@ use isotherm_profile::{Profile, Writes};
 /// So far, µm: a dial gauge shows it without a doubt, and no workpiece is lost by it.
 pub(super) const WAY: f64 = 5.0;
 /// A person looks and answers within this, once the offset is there; then it is taken back.
-pub(super) const PATIENCE: Duration = Duration::from_secs(180);
+pub const PATIENCE: Duration = Duration::from_secs(180);
 
 /// A check under way.
 #[derive(Clone, Debug)]

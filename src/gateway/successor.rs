@@ -3,6 +3,7 @@
 //! this one running.
 
 use std::ffi::OsString;
+use std::fs::File;
 use std::io::Read;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -12,14 +13,12 @@ use std::time::Duration;
 
 use isotherm_profile::one_line;
 
-use super::handover::Handover;
+use super::handover::{Handover, digest_path};
 use super::panel::CommandHandle;
 use super::shared::Shared;
 use crate::clock::Passing;
 use crate::observe::asker::Asker;
 
-/// Where a program finds what the one before it hands over.
-pub const HANDOVER: &str = "ISOTHERM_HANDOVER";
 /// The option by which a program checks what it would run with, and ends; the command socket of the one that runs behind it.
 pub const CHECK_ONLY: &str = "check-only";
 
@@ -75,7 +74,7 @@ impl Program {
         let mut command = Command::new(&self.path);
         command.args(&self.arguments).arg(format!("--{CHECK_ONLY}")).arg(socket);
         // It speaks to nobody but this program.
-        command.env_remove("NOTIFY_SOCKET").env_remove(HANDOVER);
+        command.env_remove("NOTIFY_SOCKET");
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
         let cannot = |error: std::io::Error| Unfit::Other(format!("{shown} cannot be started: {error}"));
         let mut child = command.spawn().map_err(cannot)?;
@@ -103,11 +102,10 @@ impl Program {
         judge(status, &reading.join().unwrap_or_default())
     }
 
-    /// Becomes the program that lies there now; returns only where that fails.
-    pub fn takes_over(&self, handover: &Handover) -> std::io::Error {
-        let handover = serde_json::to_string(handover).unwrap_or_default();
-        let mut command = Command::new(&self.path);
-        command.args(&self.arguments).env(HANDOVER, handover).exec()
+    /// Becomes the program that lies there now, with a sealed handover as its standard input; returns only where that fails.
+    pub fn takes_over(&self, handover: Option<File>) -> std::io::Error {
+        let handover = handover.map_or_else(Stdio::null, Stdio::from);
+        Command::new(&self.path).args(&self.arguments).stdin(handover).exec()
     }
 }
 
@@ -144,9 +142,12 @@ impl Successor {
         self.program.was_given(path)
     }
 
-    /// Whether it could run in the place of this gateway. Takes its time.
+    /// Whether it could run in the place of this gateway, and whether this gateway can hand over to it. Takes its time.
     pub(super) fn check(&self) -> Result<(), Unfit> {
-        self.program.check(&self.socket)
+        self.program.check(&self.socket)?;
+        let directory = self.socket.parent().unwrap_or(Path::new("."));
+        Handover::rehearse(&digest_path(directory, &self.shared.profile.name))
+            .map_err(|error| Unfit::Other(format!("nothing can be handed over to the new program: {error}")))
     }
 
     /// Asks the gateway to move nothing more and to make room. A sentence.

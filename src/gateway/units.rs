@@ -1,6 +1,6 @@
 //! What the counts of an output's register are worth, and what the axis may make of them.
 
-use isotherm_core::codec::{Encoded, Encoding};
+use isotherm_core::codec::{ControlView, Encoded, Encoding, Inadmissible};
 use isotherm_core::compensation::Decision;
 use isotherm_core::output::State;
 use isotherm_core::quantity::{Counts, Micron};
@@ -23,6 +23,8 @@ pub(super) struct Units {
     /// Of the register's unit for a count, where its type has none itself.
     grain: Option<f64>,
     bias: Counts,
+    /// How the control reads it; a reference position is no correction.
+    control: Option<ControlView>,
 }
 
 impl Units {
@@ -35,6 +37,7 @@ impl Units {
             factor: cz_factor(profile, output),
             grain: (!is_whole).then_some(grain),
             bias: if is_whole { Counts(output.encoding.bias) } else { Counts(0) },
+            control: profile.control_view(output),
         }
     }
 
@@ -64,6 +67,23 @@ impl Units {
             None => self.encoding.encode_counts(counts - self.bias),
             Some(grain) => self.encoding.encode(as_float(counts) * grain),
         }
+    }
+
+    /// The registers of these counts, if the control reads in them what is meant. `base` is the operator's part of a shared
+    /// register, `held` what the register holds now.
+    pub(super) fn admitted(
+        &self,
+        counts: Counts,
+        base: Option<Counts>,
+        held: Counts,
+    ) -> Result<Encoded, Inadmissible> {
+        let encoded = self.registers(counts);
+        let Some(control) = &self.control else { return Ok(encoded) };
+        let value = |counts| control.value(self.registers(counts).registers());
+        let centre = base.map_or(Some(0.0), value).ok_or(Inadmissible::NoNumber)?;
+        let held = value(held).and_then(|held| control.micron(held - centre)).unwrap_or_default();
+        let own = counts - base.map_or(Counts::ZERO, |base| base - self.bias);
+        control.admit(encoded.registers(), self.cz(own), centre, held).map(|()| encoded)
     }
 
     /// What the register's value is then, in its unit.

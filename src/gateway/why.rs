@@ -8,6 +8,7 @@ use super::arming::{Arming, has_its_reference};
 use super::contact::Contact;
 use super::output::{Outputs, Standing};
 use super::{extrapolation, stand_in};
+use isotherm_profile::counted;
 
 /// What it can be known from.
 #[derive(Clone, Copy)]
@@ -77,7 +78,7 @@ impl Reasons<'_> {
                     (Some(failed), _) => format!("{stands}: {}", failed.message()),
                     (None, Some(fault)) => {
                         let why = self.contact.why_of_output(id, fault);
-                        format!("{stands}, {} times: {why}", state.failures)
+                        format!("{stands}, {}: {why}", counted(state.failures, "time"))
                     }
                     (None, None) => stands,
                 }

@@ -192,6 +192,8 @@ pub enum Event {
     NotApplied { output: String, stands: String, applies: String, register: String },
     /// A write failed on its way.
     WriteFailed { output: String, fault: String },
+    /// The register of an output cannot be read.
+    ReadFailed { output: String, fault: String },
     /// The heartbeat of the gateway is not written; `place` is its register or node.
     HeartbeatFailed { device: String, place: String, fault: String },
     /// It is again.
@@ -277,10 +279,14 @@ pub enum Event {
     },
     /// Logs were deleted.
     LogsDeleted { names: Vec<String>, why: String },
+    /// Other gateways of this computer cannot be seen, so a second writer of a register would not be refused.
+    NotExclusive { why: String },
     /// The state or the log could not be kept on disk.
     NotKept { what: String, why: String },
     /// The state or the ledger is damaged, was changed, or is a copy from elsewhere: a sentence.
     NotBelieved { why: String },
+    /// The program before this one in the same process handed nothing over that is accepted.
+    HandoverRefused { why: String },
     /// The state or the ledger of an earlier version of the program is used.
     TakenFromEarlier { what: &'static str, version: u32, kept: String },
     /// So many events are not on disk.

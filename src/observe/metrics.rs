@@ -137,7 +137,11 @@ fn record(status: &Status, samples: &mut Samples) {
     status.outputs.iter().for_each(|output| record_output(output, &of, samples));
     if let Some(mqtt) = &status.mqtt {
         samples.set("isotherm_mqtt_connected", &of(&[]), Some(flag(mqtt.connected)));
-        samples.set("isotherm_mqtt_queued_messages", &of(&[]), Some(u32::try_from(mqtt.queued).map_or(f64::MAX, f64::from)));
+        samples.set(
+            "isotherm_mqtt_queued_messages",
+            &of(&[]),
+            Some(u32::try_from(mqtt.queued).map_or(f64::MAX, f64::from)),
+        );
         samples.count("isotherm_mqtt_published_total", &of(&[]), mqtt.published);
         samples.count("isotherm_mqtt_dropped_total", &of(&[]), mqtt.dropped);
         samples.count("isotherm_mqtt_connections_total", &of(&[]), mqtt.connections);
@@ -170,7 +174,11 @@ fn record_axis(axis: &AxisStatus, of: Labels<'_>, samples: &mut Samples) {
     samples.set("isotherm_axis_limit_meters", &named, Some(meters(axis.limit_um)));
     samples.set("isotherm_axis_warned", &named, axis.warn_um.map(|_| flag(axis.warned)));
     samples.set("isotherm_axis_tripped", &named, axis.error_um.map(|_| flag(axis.tripped)));
-    samples.set("isotherm_axis_extrapolating", &named, axis.excess.map(|_| flag(axis.extrapolating.is_some())));
+    samples.set(
+        "isotherm_axis_extrapolating",
+        &named,
+        axis.excess.map(|_| flag(axis.extrapolating.is_some())),
+    );
     samples.set("isotherm_axis_excess_ratio", &named, axis.excess);
     for state in AxisState::NAMES.into_iter().chain(["waiting"]) {
         let named = of(&[("axis", &axis.name), ("state", state)]);
@@ -202,7 +210,11 @@ fn record_probe(axis: &AxisStatus, probe: &ProbeStatus, of: Labels<'_>, samples:
 
 fn record_signal(signal: &SignalStatus, of: Labels<'_>, samples: &mut Samples) {
     let named = of(&[("signal", &signal.name)]);
-    samples.set("isotherm_signal_value", &of(&[("signal", &signal.name), ("unit", signal.unit)]), signal.value);
+    samples.set(
+        "isotherm_signal_value",
+        &of(&[("signal", &signal.name), ("unit", signal.unit)]),
+        signal.value,
+    );
     samples.set("isotherm_signal_good", &named, Some(flag(signal.quality == "good")));
     samples.set("isotherm_signal_age_seconds", &named, signal.age_s);
 }
@@ -290,9 +302,11 @@ fn write_lock(text: &mut String, status: &Status) {
 }
 
 fn head(text: &mut String, name: &str, help: &str, kind: &str) {
-    text.push_str(&format!("# HELP {name} {help}
+    text.push_str(&format!(
+        "# HELP {name} {help}
 # TYPE {name} {kind}
-"));
+"
+    ));
 }
 
 /// Each bucket's upper bound in seconds, and how often it was met and none before.

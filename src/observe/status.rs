@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::asker::Asker;
 use super::events::file::Found;
 use super::events::{Alarm, Entry, Event};
-use isotherm_core::compensation::AxisState;
+use isotherm_core::compensation::{AxisState, MeasuredReport};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Language, Overridden};
 
@@ -41,11 +41,11 @@ pub trait Source: Send + Sync + 'static {
     /// A sentence that says why it is over.
     fn signing(&self, axis: Option<&str>) -> Result<Answer, String>;
 
-    /// Learns from an axis's measured error, µm; `None` takes back everything that was learned. The answer is a sentence.
+    /// Learns from an axis's measured error; `None` takes back everything that was learned. The answer is a sentence.
     ///
     /// # Errors
     /// A sentence that says why not.
-    fn measured(&self, axis: &str, error_um: Option<f64>, asker: &Asker) -> Result<Answer, String>;
+    fn measured(&self, axis: &str, report: Option<MeasuredReport>, asker: &Asker) -> Result<Answer, String>;
 
     /// Somebody has seen an alarm, or all that stand. The answer is a sentence.
     ///

@@ -386,8 +386,9 @@ pub(crate) fn command(data: &[u8]) {
     let reaction = node.received(now, &snapshot, &topic, data);
     assert!(reaction.messages.iter().all(|message| message.topic.starts_with("spBv1.0/shop/")));
     match reaction.outcome {
-        Some(Outcome::Asked(Command::Measured { axis, error_um })) => {
-            assert!(axis == "z" && error_um.is_finite(), "{axis}: {error_um}");
+        Some(Outcome::Asked(Command::Measured { axis, report })) => {
+            assert!(axis == "z" && report.error_um.is_finite(), "{axis}: {report}");
+            assert!(!report.to_string().contains(char::is_control), "{report:?}");
         }
         Some(Outcome::Refused { command, why }) => {
             assert!(!why.is_empty() && command.len() < 1000, "{command}: {why}");
@@ -404,7 +405,7 @@ pub(crate) fn command(data: &[u8]) {
         home_assistant: false,
     });
     match json.received(now, &snapshot, "shop/press/command/measured", data).outcome {
-        Some(Outcome::Asked(Command::Measured { error_um, .. })) => assert!(error_um.is_finite()),
+        Some(Outcome::Asked(Command::Measured { report, .. })) => assert!(report.error_um.is_finite()),
         Some(Outcome::Refused { why, .. }) => assert!(!why.is_empty()),
         None => panic!("it comes to nothing"),
     }

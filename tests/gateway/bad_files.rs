@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use crate::support::process;
 
-use process::{Running, file, isotherm};
+use process::{Running, file, isotherm, nowhere};
 
 const MACHINE: &str = include_str!("../interop/machine.toml");
 /// Start and end take no longer.
@@ -44,7 +44,8 @@ struct Home {
 impl Home {
     fn new(text: &str) -> Home {
         let home = tempfile::tempdir().unwrap();
-        let profile = file(home.path(), "machine.toml", text);
+        let text = text.replace("127.0.0.1:1\"", &format!("{}\"", nowhere()));
+        let profile = file(home.path(), "machine.toml", &text);
         let state = home.path().join("state");
         std::fs::create_dir(&state).unwrap();
         Home { profile, state, home }

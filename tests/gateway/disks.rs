@@ -200,3 +200,29 @@ fn a_directory_that_is_deleted_while_running_is_made_again() {
     again.hears("axis z: armed");
     assert!(!again.said.join("\n").contains("is not believed"));
 }
+
+#[test]
+fn a_recording_and_a_first_profile_on_a_full_disk_name_the_file_and_what_to_do() {
+    let home = Home::new();
+    let full = home.path("full");
+    std::fs::create_dir(&full).unwrap();
+    // A disk of one page, which is taken.
+    let fill = "mount -t tmpfs -o size=4k none \"$1\" && head -c 4096 /dev/zero >\"$1/taken\" && shift && \"$@\"; code=$?; ls \"$LEFT\" >&2; exit $code";
+    let on_it = |words: &[&std::ffi::OsStr]| {
+        let isotherm = isotherm(home.home.path());
+        let mut command = Command::new("unshare");
+        command.args(["--map-root-user", "--mount", "sh", "-c", fill, "sh"]).arg(&full);
+        command.arg(isotherm.get_program()).args(words).env("LEFT", &full);
+        let ended = command.output().unwrap();
+        (ended.status.code(), String::from_utf8([ended.stdout, ended.stderr].concat()).unwrap())
+    };
+    let (log, new) = (full.join("day.csv"), full.join("new.toml"));
+    let record = ["record".as_ref(), home.profile.as_os_str(), "--out".as_ref(), log.as_os_str()];
+    let init = ["init".as_ref(), new.as_os_str(), "--yes".as_ref()];
+    for (words, file) in [(&record[..], &log), (&init[..], &new)] {
+        let (code, said) = on_it(words);
+        let words = format!("{} cannot be written: the disk is full; make room there", file.display());
+        assert!(code == Some(1) && said.contains(&words), "{code:?} {said}");
+        assert_eq!(said.lines().last(), Some("taken"), "nothing is left behind: {said}");
+    }
+}

@@ -5,12 +5,18 @@
 //! What is truly whose is counted from the wire: a write of the gateway changes our share by what it changes the
 //! register by, an edit of the operator (thousands of counts) changes his. What the gateway takes its share to be it
 //! says when it arms.
+//!
+//! Half of the instants count from what the gateway says, so that a slow computer moves them with the gateway. The devices
+//! must not deal with a write after `late`: their thread measures how late it runs itself. A life in which it ran too late
+//! is void. The machine then begins again, and another life takes its place.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
@@ -25,9 +31,14 @@ use process::{Running, file, isotherm};
 
 /// Independent machines, each with a register, a disk and a gateway of its own.
 const LANES: u64 = 10;
-const KILLS: u64 = 1000 / LANES;
-/// A gateway lives at most this long, ms: it starts, arms, and makes a dozen changes.
+/// Kills of all machines together; `TEST_KILLS=1000` is more.
+const KILLS: u64 = 300;
+/// A gateway lives at most this long after its start, or after it has armed, ms: it starts, arms, and makes a dozen changes.
 const LONGEST_LIFE: u64 = 700;
+/// The devices may run this late, ms: half of `late`, because a write may be under way as long before they see it.
+const LATEST: u64 = 75;
+/// Lives of one machine that may be void.
+const MOST_VOID: u64 = 100;
 
 /// What one write may change, in counts of 0.1 µm.
 const STEP: i32 = 10;
@@ -39,8 +50,8 @@ arm = "auto"
 [bus.cell]
 type = "modbus-tcp"
 address = "ADDRESS"
-timeout = "20ms"
-late = "60ms"
+timeout = "50ms"
+late = "150ms"
 [device.module]
 bus = "cell"
 unit = 1
@@ -79,6 +90,8 @@ scale = 0.1
 share = "ledger"
 "#;
 
+/// What it says when it arms.
+const ARMED: &str = "armed, starting from";
 /// What it says where only a person can tell, and where it does not know of anything of ours.
 const QUESTION: &str = "are taken to be ours";
 const FIRST: &str = "nothing of ours is known in it";
@@ -114,13 +127,21 @@ impl Operator {
     }
 }
 
+/// The devices ran so late that a write may have been dealt with after `late`: what the gateway says then proves nothing.
+#[derive(Debug)]
+struct Void;
+
 /// One machine.
 struct Lane {
     window: Window,
+    /// How late the devices ran at most since this was taken, ms.
+    behind: Arc<AtomicU64>,
     operator: Operator,
     home: tempfile::TempDir,
     up: PathBuf,
     down: PathBuf,
+    /// What it decides is next to nothing.
+    still: PathBuf,
     /// Counts that are truly the operator's and ours, as the wire has it so far.
     base: i32,
     share: i32,
@@ -140,6 +161,7 @@ struct Count {
     arrived: u64,
     outstanding: u64,
     questions: u64,
+    voids: u64,
 }
 
 fn counts(words: &[u16]) -> i32 {
@@ -155,14 +177,16 @@ fn reported(line: &str, after: &str) -> Option<i32> {
 }
 
 impl Lane {
-    fn new(seed: u64, window: Window, address: SocketAddr) -> Lane {
+    fn new(seed: u64, window: Window, behind: Arc<AtomicU64>, address: SocketAddr) -> Lane {
         let home = tempfile::tempdir().unwrap();
         let text = |offset: &str| PROFILE.replace("ADDRESS", &address.to_string()).replace("OFFSET", offset);
         Lane {
             window,
+            behind,
             operator: Operator(TcpStream::connect(address).unwrap()),
             up: file(home.path(), "up.toml", &text("35.0")),
             down: file(home.path(), "down.toml", &text("-35.0")),
+            still: file(home.path(), "still.toml", &text("0.0")),
             home,
             base: 0,
             share: 0,
@@ -177,8 +201,30 @@ impl Lane {
         Running::start(isotherm(self.home.path()).arg("run").arg(profile).arg("--state").arg(state))
     }
 
+    /// The register once everything that was sent before has been dealt with. A gateway's last request waits in the same
+    /// thread as the operator's: when that answers his third question, every connection has had its turn.
+    fn settled(&mut self) -> i32 {
+        self.operator.read();
+        self.operator.read();
+        self.operator.read()
+    }
+
+    /// Another machine with the same devices takes the place of one of which an observation was void.
+    fn begins_again(&mut self) {
+        self.count.voids += 1;
+        assert!(self.count.voids <= MOST_VOID, "the computer is too busy for its devices: {:?}", self.count);
+        let _ = std::fs::remove_dir_all(self.home.path().join("state"));
+        self.settled();
+        self.operator.write(0);
+        (self.base, self.share, self.seen) = (0, 0, self.window.requests().len());
+        self.behind.store(0, Ordering::SeqCst);
+    }
+
     /// Goes on with the bookkeeping: never more than a step at once, never beyond the limit, and nothing in between.
-    fn count_on(&mut self) {
+    fn count_on(&mut self) -> Result<(), Void> {
+        if self.behind.swap(0, Ordering::SeqCst) > LATEST {
+            return Err(Void);
+        }
         let wire = self.window.requests();
         for seen in &wire[self.seen..] {
             if !seen.is_write() || seen.address.register().unwrap().offset != 104 {
@@ -196,6 +242,7 @@ impl Lane {
             }
         }
         self.seen = wire.len();
+        Ok(())
     }
 
     /// What the disk says at the moment of a kill.
@@ -220,49 +267,52 @@ impl Lane {
         }
     }
 
-    fn live_and_die(&mut self) {
+    fn live_and_die(&mut self) -> Result<(), Void> {
         let profile = if self.random.next_u32().is_multiple_of(2) { &self.up } else { &self.down };
-        let gateway = self.run(profile);
+        let mut gateway = self.run(profile);
+        if self.random.next_u32().is_multiple_of(2) {
+            gateway.hears_one_of(&[ARMED, QUESTION, FIRST]);
+        }
         std::thread::sleep(Duration::from_micros(self.random.random_range(0..LONGEST_LIFE * 1000)));
         let said = gateway.killed();
-        self.count.kills += 1;
         let share = self.share;
-        // What was sent in the last instant is dealt with before this question.
-        let mut register = self.operator.read();
-        self.count_on();
+        let mut register = self.settled();
+        self.count_on()?;
+        self.count.kills += 1;
         let text = said.join("\n");
-        for line in said.iter().filter(|line| line.contains("armed, starting from")) {
+        for line in said.iter().filter(|line| line.contains(ARMED)) {
             self.count.armed += 1;
             let starts = reported(line, "starting from ").unwrap();
             assert_eq!(starts, share, "the share that stood there, of {}\n{text}", self.base);
         }
         self.look_at_the_ledger();
         if said.iter().any(|line| line.contains(QUESTION) || line.contains(FIRST)) {
-            self.answer();
-            register = self.operator.read();
+            self.answer()?;
+            register = self.settled();
         }
         assert_eq!(register, self.base + self.share);
         if self.random.random_range(0..4) == 0 {
             let edit = 1000 * self.random.random_range(1..4) * if self.base > 0 { -1 } else { 1 };
             self.operator.write(register + edit);
             self.count.edits += 1;
-            self.count_on();
+            self.count_on()?;
         }
+        Ok(())
     }
 
     /// A person does as he is told, and arms.
-    fn answer(&mut self) {
+    fn answer(&mut self) -> Result<(), Void> {
         self.count.questions += 1;
         let mut gateway = self.run(&self.up);
         let line = gateway.hears_one_of(&[QUESTION, FIRST]);
         let share = if line.contains(FIRST) { 0 } else { reported(&line, "of which ").unwrap() };
         self.operator.write(self.base + share);
-        self.count_on();
+        self.count_on()?;
         assert_eq!(self.share, share, "at most one step from the truth: {line}");
         let mut arm = isotherm(self.home.path());
         let arm = arm.arg("arm").arg(&self.up).arg("--state").arg(self.home.path().join("state"));
         assert!(arm.status().unwrap().success());
-        gateway.hears("armed, starting from");
+        gateway.hears(ARMED);
         if !gateway.hears_one_of(&["are ours", QUESTION]).contains("are ours") {
             // It turned to what may as well be a write of ours while he armed: he looks again, and says so again, which is
             // refused within a second of the last time.
@@ -273,51 +323,82 @@ impl Lane {
             gateway.hears("are ours");
         }
         gateway.killed();
-        self.operator.read();
-        self.count_on();
+        self.settled();
+        self.count_on()
     }
 
-    /// The last one is asked to stop, and takes its share back: exactly the operator's part is left. Where it comes to its
-    /// end before (each write waits for the disk), what it says of its share is so, and the next goes on.
+    /// The last one is asked to stop, and takes its share back: exactly the operator's part is left.
     fn end(mut self) -> Count {
-        const TRIES: usize = 5;
+        while self.takes_its_share_back().is_err() {
+            self.begins_again();
+            self.lives();
+        }
+        self.count
+    }
+
+    /// A life that is not void.
+    fn lives(&mut self) {
+        while self.live_and_die().is_err() {
+            self.begins_again();
+        }
+    }
+
+    /// Where the gateway comes to its end before (each write waits for the disk), what it says of its share is so, and the
+    /// next goes on.
+    fn takes_its_share_back(&mut self) -> Result<(), Void> {
+        const TRIES: usize = 20;
+        let mut profile = self.up.clone();
         for _ in 0..TRIES {
-            let said = self.stopped();
+            let said = self.stopped(&profile)?;
             let Some(line) = said.lines().find(|line| line.starts_with(BEFORE)) else {
                 assert_eq!((self.operator.read(), self.share), (self.base, 0), "{said}");
-                return self.count;
+                return Ok(());
             };
             // What was sent last may be unverified: then it says what was verified before that.
-            let (told, apart) = match reported(line, "holds ") {
-                Some(now) => (now, 0),
-                None => (reported(line, "held ").unwrap(), STEP),
-            };
-            assert!((told - self.share).abs() <= apart, "{} in truth: {said}", self.share);
+            // A write that left in that moment is not known yet, either.
+            let told = reported(line, "holds ").or_else(|| reported(line, "held ")).unwrap();
+            assert!((told - self.share).abs() <= STEP, "{} in truth: {said}", self.share);
+            // What a slow disk has left of it becomes less with each that follows.
+            profile = self.still.clone();
         }
         panic!("{TRIES} times in a row it did not come to its end");
     }
 
     /// What a gateway says that arms and is asked to stop.
-    fn stopped(&mut self) -> String {
-        let mut gateway = self.run(&self.up);
-        if !gateway.hears_one_of(&["armed, starting from", QUESTION, FIRST]).contains("armed, starting") {
+    fn stopped(&mut self, profile: &Path) -> Result<String, Void> {
+        let mut gateway = self.run(profile);
+        if !gateway.hears_one_of(&[ARMED, QUESTION, FIRST]).contains(ARMED) {
             gateway.killed();
-            self.answer();
-            gateway = self.run(&self.up);
-            gateway.hears("armed, starting from");
+            self.answer()?;
+            gateway = self.run(profile);
+            gateway.hears(ARMED);
         }
         gateway.signal("TERM");
         gateway.ends_within(process::PATIENCE);
-        self.operator.read();
-        self.count_on();
-        gateway.said.join("\n")
+        self.settled();
+        self.count_on()?;
+        Ok(gateway.said.join("\n"))
+    }
+}
+
+/// Measures in the thread of the devices how late that runs.
+async fn measure(behind: Arc<AtomicU64>) {
+    const TICK: Duration = Duration::from_millis(5);
+    let clock = Clock::wall();
+    loop {
+        let begun = clock.now();
+        tokio::time::sleep(TICK).await;
+        let late = clock.now().since(begun).saturating_sub(TICK);
+        behind.fetch_max(u64::try_from(late.as_millis()).unwrap(), Ordering::SeqCst);
     }
 }
 
 /// A machine on a thread of its own, because its devices must answer while a gateway is killed.
-fn lane(seed: u64) -> Count {
+fn lane(seed: u64, kills: u64) -> Count {
     let (tell, here) = channel();
     let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
+    let behind = Arc::new(AtomicU64::new(0));
+    let measured = behind.clone();
     let devices = std::thread::spawn(move || {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {
@@ -326,13 +407,16 @@ fn lane(seed: u64) -> Count {
             let setup = Setup { ports: Ports::Free, journal: true, ..Setup::default() };
             let machine = VirtualMachine::start(&profile, setup, &Clock::wall()).await.unwrap();
             tell.send((machine.window(), machine.addresses()[0].1.parse().unwrap())).unwrap();
-            let _ = stopped.await;
+            tokio::select! {
+                _ = stopped => {}
+                () = measure(measured) => {}
+            }
         });
     });
     let (window, address) = here.recv().unwrap();
-    let mut lane = Lane::new(seed, window, address);
-    for _ in 0..KILLS {
-        lane.live_and_die();
+    let mut lane = Lane::new(seed, window, behind, address);
+    for _ in 0..kills {
+        lane.lives();
     }
     let count = lane.end();
     drop(stop);
@@ -341,8 +425,10 @@ fn lane(seed: u64) -> Count {
 }
 
 #[test]
-fn killed_at_a_thousand_instants_no_share_is_ever_lost_or_doubled() {
-    let lanes: Vec<_> = (0..LANES).map(|seed| std::thread::spawn(move || lane(seed))).collect();
+fn killed_at_hundreds_of_instants_no_share_is_ever_lost_or_doubled() {
+    let kills = std::env::var("TEST_KILLS").map_or(KILLS, |text| text.parse().unwrap());
+    let lanes: Vec<_> =
+        (0..LANES).map(|seed| std::thread::spawn(move || lane(seed, kills / LANES))).collect();
     let counts: Vec<Count> = lanes.into_iter().map(|lane| lane.join().unwrap()).collect();
     let sum = |of: fn(&Count) -> u64| counts.iter().map(of).sum::<u64>();
     let all = Count {
@@ -353,9 +439,11 @@ fn killed_at_a_thousand_instants_no_share_is_ever_lost_or_doubled() {
         arrived: sum(|count| count.arrived),
         outstanding: sum(|count| count.outstanding),
         questions: sum(|count| count.questions),
+        voids: sum(|count| count.voids),
     };
     println!("{all:?}");
-    assert_eq!(all.kills, 1000);
+    assert!(all.kills >= kills, "{all:?}");
     // The instants that matter were among them.
-    assert!(all.armed > 300 && all.edits > 150 && all.arrived > 3 && all.outstanding > 3, "{all:?}");
+    assert!(all.armed * 10 > kills * 3 && all.edits * 20 > kills * 3, "{all:?}");
+    assert!(all.arrived * 300 > kills && all.outstanding * 300 > kills, "{all:?}");
 }

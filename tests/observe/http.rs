@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use isotherm::observe::http::Admission;
 use isotherm::observe::status::Command;
+use isotherm_core::compensation::MeasuredReport;
 use isotherm_profile::Commands;
 use tokio::time::timeout;
 
@@ -130,7 +131,11 @@ async fn a_measured_error_reaches_the_gateway_and_what_is_none_is_refused_in_wor
     assert_eq!(door.send("DELETE", path, &[], "").await.code, 200);
     let refused = door.send("POST", path, &[], r#"{"error_um":26}"#).await;
     assert_eq!((refused.code, refused.body.contains("not learned from")), (409, true));
-    assert_eq!(door.measured(), [("z".into(), Some(-3.2)), ("z".into(), None), ("z".into(), Some(26.0))]);
+    let named = r#"{"error_um":1.5,"time":"2026-01-31T13:00:00+01:00","id":"part-17/2"}"#;
+    assert_eq!(door.send("POST", path, &[], named).await.code, 200);
+    let named = MeasuredReport::new(1.5, Some("2026-01-31T12:00:00Z"), Some("part-17/2")).unwrap();
+    let reports = [Some((-3.2).into()), None, Some(26.0.into()), Some(named)];
+    assert_eq!(door.measured(), reports.map(|report| ("z".to_owned(), report)));
     for body in [
         "",
         "3.2",
@@ -139,6 +144,9 @@ async fn a_measured_error_reaches_the_gateway_and_what_is_none_is_refused_in_wor
         r#"{"error_mm":3}"#,
         r#"{"error_um":1e999}"#,
         r#"{"error_um":NaN}"#,
+        r#"{"error_um":1,"id":17}"#,
+        r#"{"error_um":1,"id":"two words"}"#,
+        r#"{"error_um":1,"time":"2026-01-31T12:00:00"}"#,
     ] {
         let reply = door.send("POST", path, &[], body).await;
         assert_eq!((reply.code, reply.body.contains("error_um")), (400, true), "{body}: {}", reply.body);
@@ -147,7 +155,7 @@ async fn a_measured_error_reaches_the_gateway_and_what_is_none_is_refused_in_wor
     assert_eq!((strange.code, strange.body.as_str()), (404, "There is no axis q; there are z.\n"));
     assert_eq!(door.send("POST", path, &[], &"x".repeat(2000)).await.code, 413);
     assert_eq!(door.get(path).await.code, 405);
-    assert_eq!(door.measured().len(), 3);
+    assert_eq!(door.measured().len(), 4);
 }
 
 #[tokio::test]

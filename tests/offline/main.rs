@@ -5,6 +5,8 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+#[path = "../../crates/placement/tests/bodies/mod.rs"]
+mod bodies;
 mod end_to_end;
 #[cfg(feature = "parquet")]
 mod export;

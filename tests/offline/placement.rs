@@ -8,8 +8,7 @@ use isotherm_placement::heat::temperatures;
 use isotherm_placement::mesh::Kind;
 use isotherm_placement::structure::Structure;
 
-#[path = "../../crates/placement/tests/bodies/mod.rs"]
-mod bodies;
+use crate::bodies;
 use crate::support::calculix;
 
 use bodies::{Column, Warming};

@@ -1,9 +1,12 @@
 //! Profiles: what is wrong is told at its place, all at once; what is right becomes final types.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
 use std::path::Path;
 
 use isotherm_profile::{Errors, Loaded, ProfileError};
 
+mod arrives;
 mod can;
 mod can_line;
 mod contradictions;
@@ -13,6 +16,7 @@ mod devices;
 mod doubts;
 mod expected;
 mod explained;
+mod hints;
 mod late;
 mod layers;
 mod load;

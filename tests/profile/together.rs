@@ -174,7 +174,7 @@ fn what_lands_together_and_how_it_is_taken_is_explained() {
         "output cnc_z: taken by cnc with a handshake",
         "one request: holding:104..105 (40105..40106), 2 registers, function 16",
         "then strobe coil:20 (00021) up (function 05), acknowledge discrete:20 (10021) up within 800ms, strobe down",
-        "read anew, and Cz goes on from there, when holding:98 (40099) changes, or hydraulics rises",
+        "read again, and Cz resumes from the value read, when holding:98 (40099) changes, or hydraulics rises",
         "cnc.boot_counter",
     ] {
         assert!(cnc.contains(words), "`{words}` is not in:\n{cnc}");

@@ -5,11 +5,9 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-#[path = "circles.rs"]
 mod circles;
-#[path = "security.rs"]
+mod prose;
 mod security;
-#[path = "source.rs"]
 mod source;
 
 /// Which rooms of its crate each room may import, where Cargo cannot hold it. A name behind `::` narrows it to that part
@@ -300,4 +298,19 @@ fn every_shipped_profile_is_taken_without_a_word() {
         count += 1;
     }
     assert!(count >= 9, "the shipped machines are gone");
+}
+
+/// The shell of an image ends with the code of the last program of a pipe alone.
+#[test]
+fn no_image_is_built_through_a_pipe_whose_first_program_may_fail() {
+    let is_image =
+        |file: &PathBuf| file.file_name().is_some_and(|name| name.to_string_lossy().contains("Dockerfile"));
+    let images: Vec<PathBuf> = files().into_iter().filter(is_image).collect();
+    assert!(!images.is_empty());
+    for image in images {
+        let text = std::fs::read_to_string(root().join(&image)).unwrap().replace("\\\n", " ");
+        let piped =
+            text.lines().find(|line| line.starts_with("RUN ") && line.replace("||", "").contains('|'));
+        assert_eq!(piped, None, "{}", image.display());
+    }
 }

@@ -1,4 +1,5 @@
-//! Layers above the profile: whoever sets the environment of a gateway loosens no guard, and everybody sees what he has set.
+//! Layers above the profile: the environment of a gateway loosens no guard and changes nothing that arrives at the machine, and
+//! what it sets is listed everywhere.
 
 use std::process::Output;
 
@@ -24,6 +25,8 @@ fn a_limit_that_the_environment_makes_larger_keeps_the_gateway_from_starting_wit
         ("ISOTHERM__AXIS__Z__LIMIT", "5000", "5000 is more than the 40.0 of the profile"),
         ("ISOTHERM__AXIS__Z__ON_FAULT__ACTION", "hold", "\"hold\" is not the \"ramp\" of the profile"),
         ("ISOTHERM__AXIS__Z__LIMTI", "30", "did you mean `limit`?"),
+        ("ISOTHERM__OUTPUT__CNC_Z__SCALE", "0.001", "allow_override = [\"output.cnc_z.scale\"]"),
+        ("ISOTHERM__AXIS__Z__DIAMETER", "true", "allow_override = [\"axis.z.diameter\"]"),
     ] {
         let mut run = Running::start(isotherm(home.path()).env(name, value).arg("run").arg(&profile));
         let status = run.ends_within(PATIENCE);

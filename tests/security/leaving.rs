@@ -102,7 +102,10 @@ impl May {
         match socket {
             Socket::Listens(own) => *own == self.page,
             Socket::Tcp { own, other } => *own == self.page || self.devices.contains(other),
-            Socket::Unix(path) => *path == self.commands || path.is_empty(),
+            // Each gateway tells others of this computer by an abstract socket what it writes to.
+            Socket::Unix(path) => {
+                *path == self.commands || path.is_empty() || path.starts_with("@isotherm/1/")
+            }
             Socket::Datagrams(_) => false,
             Socket::Unknown => true,
         }

@@ -20,6 +20,7 @@ use isotherm::observe::status::{
     Answer, AxisStatus, BusStatus, Command, DeviceStatus, GainStatus, OutputStatus, ProbeStatus,
     ProbedStatus, SignalStatus, Source, Status,
 };
+use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Commands;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -30,7 +31,7 @@ use tokio::task::JoinHandle;
 pub(crate) struct Fake {
     status: Mutex<Status>,
     commands: Mutex<Vec<Command>>,
-    measured: Mutex<Vec<(String, Option<f64>)>>,
+    measured: Mutex<Vec<(String, Option<MeasuredReport>)>>,
     askers: Mutex<Vec<String>>,
     asked: AtomicUsize,
     logs: Mutex<Option<Vec<PathBuf>>>,
@@ -111,10 +112,10 @@ impl Source for Fake {
         Ok(())
     }
 
-    fn measured(&self, axis: &str, error_um: Option<f64>, _: &Asker) -> Result<Answer, String> {
-        self.measured.lock().unwrap().push((axis.into(), error_um));
-        match error_um {
-            Some(error) if error.abs() > 25.0 => Err("z: not learned from".into()),
+    fn measured(&self, axis: &str, report: Option<MeasuredReport>, _: &Asker) -> Result<Answer, String> {
+        self.measured.lock().unwrap().push((axis.into(), report.clone()));
+        match report {
+            Some(report) if report.error_um.abs() > 25.0 => Err("z: not learned from".into()),
             _ => Ok(Answer::Done("z: as you say".into())),
         }
     }
@@ -305,7 +306,7 @@ impl Door {
         self.fake.commands.lock().unwrap().clone()
     }
 
-    pub(crate) fn measured(&self) -> Vec<(String, Option<f64>)> {
+    pub(crate) fn measured(&self) -> Vec<(String, Option<MeasuredReport>)> {
         self.fake.measured.lock().unwrap().clone()
     }
 

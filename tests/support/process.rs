@@ -178,6 +178,14 @@ pub(crate) fn file(directory: &Path, name: &str, text: &str) -> PathBuf {
     path
 }
 
+/// An address at which nothing listens, and which no other test names: gateways of one computer that write to the same place
+/// refuse to start.
+pub(crate) fn nowhere() -> String {
+    static NAMED: AtomicU32 = AtomicU32::new(1);
+    let [_, a, b, c] = std::process::id().to_be_bytes();
+    format!("127.{}.{b}.{c}:{}", 100 + a, NAMED.fetch_add(1, Ordering::Relaxed))
+}
+
 /// A port that was free a moment ago. It lies below those that the system gives to whoever asks for any, as other tests do:
 /// none of them is given it meanwhile.
 pub(crate) fn free_port() -> u16 {

@@ -14,7 +14,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::quantity::{Micron, Millimetre, Moment};
+use crate::quantity::{Micron, Millimetre, Moment, Shift};
 use crate::reading::{Quality, Reading, SignalId};
 
 pub mod model;
@@ -33,7 +33,7 @@ mod state;
 
 pub use guard::Stages;
 pub use model::{CLEARLY_INSIDE, Extrapolation, Unusable};
-pub use probe::{Measured, Probe, Probed, Refused, Residual};
+pub use probe::{Measured, MeasuredReport, Probe, Probed, Refused, Rejected, Residual};
 pub use remembered::{AxisRemembered, Remembered, Stop};
 pub use running::AxisRunning;
 pub use stand_in::{Distrusted, StoodIn};
@@ -359,6 +359,29 @@ impl Compensation {
         let Some(axis) = self.axes.get(axis) else { return Ok(()) };
         let probed = axis.judge(snapshot, &self.machine, measured);
         if probed.refused.is_some() { Err(probed) } else { Ok(()) }
+    }
+
+    /// Whether a report that arrives `now` is of a measurement of this axis that may count: none that was taken, and none of
+    /// before its datum. `shift` brings counted time to the wall clock.
+    ///
+    /// # Errors
+    /// Why it is rejected.
+    pub fn check_report(
+        &mut self,
+        axis: usize,
+        report: &MeasuredReport,
+        (now, shift): (Moment, Shift),
+    ) -> Result<(), Rejected> {
+        let Some(axis) = self.axes.get_mut(axis) else { return Ok(()) };
+        let datum = axis.datum(now, &self.machine, self.settings.settle);
+        axis.probe.reports.check(report, (now, shift), datum)
+    }
+
+    /// Remembers a report whose error is learned from or waits for another one: it does not count again.
+    pub fn take_report(&mut self, axis: usize, report: MeasuredReport, now: Moment) {
+        if let Some(axis) = self.axes.get_mut(axis) {
+            axis.probe.reports.take(report, now);
+        }
     }
 
     /// The lags go on to a snapshot at which no axis decided. A gateway records no such row; a log from elsewhere has

@@ -34,7 +34,7 @@
 //!     cz - now
 //! }
 //! ```
-//! Where they fit, they say so:
+//! Units that fit compile:
 //! ```
 //! use isotherm_core::quantity::{Celsius, Micron, MicronPerCelsius};
 //! # fn main() -> Result<(), &'static str> {
@@ -68,7 +68,7 @@ macro_rules! quantity {
         pub struct $name(f64);
 
         impl $name {
-            /// Nothing of it.
+            /// Zero.
             pub const ZERO: $name = $name(0.0);
 
             #[doc = concat!("A finite number of ", $unit, "; `None` for NaN or infinity.")]

@@ -1,8 +1,8 @@
 //! Sensors that behave like the air around the machine, whatever they are called.
 //!
 //! Such a sensor does not warm where the load does: not at its starts, and not through any lag of it. It swings slowly.
-//! What it tells of the error goes with the clock rather than with the machine. Only what all of these say is reported; a hall
-//! that warms while the machine does cannot be told apart from it.
+//! Its share of the error follows the clock rather than the machine. A sensor is reported only if all of these agree. A hall
+//! that warms while the machine does cannot be distinguished from it.
 
 use crate::dataset::{Dataset, Kind, Run};
 use crate::faults::Finding;

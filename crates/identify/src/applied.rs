@@ -83,7 +83,7 @@ fn acting(
     };
     if let Some(slope) = moved("_slope_um").into_iter().find(is_logged) {
         return refused(format!(
-            "{} moved: the control applied a slope, whose part in {error} depends on where the axis was; leave \
+            "{} moved: the control applied a slope; its part of {error} depends on where the axis was; leave \
              these logs out, or say --cz none where nothing acted on it",
             names(&[slope])
         ));
@@ -139,7 +139,7 @@ pub fn without_cz(
     moves: Option<bool>,
     applied: &Applied,
 ) -> Result<(), BadLog> {
-    // Who looks for the error says so where it is not there.
+    // A missing error column is reported by the code that looks it up.
     let Some(place) = dataset.column(error) else { return Ok(()) };
     let Some(column) = acting(dataset, error, axis, moves, applied)? else { return Ok(()) };
     if let Some((least, most)) = take_out(dataset, place, column) {

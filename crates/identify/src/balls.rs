@@ -95,7 +95,7 @@ pub fn terms(dataset: &Dataset, origin: Option<f64>) -> Result<Terms, BadLog> {
     }
     if found.iter().all(|round| round.spindle_um_per_mm.is_none()) {
         remarks.push(
-            "every touch has one length of stylus, so that a tilt of the spindle cannot be reported from its drift: touch \
+            "every touch has one length of stylus, which cannot distinguish a tilt of the spindle from its drift: touch \
              the balls with two lengths, and write them in stylus_mm"
                 .to_owned(),
         );

@@ -142,7 +142,7 @@ impl<'a> Campaign<'a> {
         usual.max(self.resample.as_secs_f64()).max(1e-3)
     }
 
-    /// How many rows make one independent sample, where rows closer than this are none.
+    /// Number of rows in one independent sample, if rows closer than `independent` depend on each other.
     pub(crate) fn rows_per_sample(&self, independent: Duration) -> f64 {
         (independent.as_secs_f64() / self.row_seconds()).max(1.0)
     }

@@ -5,6 +5,7 @@ use std::time::Duration;
 use crate::dataset::{Dataset, Kind, Run};
 use crate::faults::Finding;
 use crate::statistics::{least_and_most, mean};
+use isotherm_profile::{counted, duration_text};
 
 /// A shop is not warmer than this when its machine is cold: all sensors above it are in °F.
 const COLD_SHOP: f64 = 45.0;
@@ -42,8 +43,8 @@ pub(super) fn odd_length(run: &Run) -> Option<String> {
         }
         _ => return None,
     };
-    let shown = humantime::format_duration(Duration::from_secs(run.lasts().as_secs()));
-    Some(format!("{} lasts {shown} ({} rows): {odd}", run.name, run.times.len()))
+    let shown = duration_text(Duration::from_secs(run.lasts().as_secs()));
+    Some(format!("{} lasts {shown} ({}): {odd}", run.name, counted(run.times.len(), "row")))
 }
 
 /// What these temperatures begin at says that they are no °C.

@@ -23,6 +23,7 @@ use crate::method::{Method, Settings};
 use crate::products::Products;
 use crate::setup::Ready;
 use crate::written;
+use isotherm_profile::duration_text;
 use isotherm_profile::sha256;
 
 const FORMAT: &str = "isotherm-products";
@@ -361,7 +362,7 @@ impl Column {
         let lag = Duration::try_from_secs_f64(self.lag_s).unwrap_or_default();
         let lag = match lag.is_zero() {
             true => "at once".to_owned(),
-            false => format!("through {}", humantime::format_duration(lag)),
+            false => format!("through {}", duration_text(lag)),
         };
         format!("{}{square} ({}) {lag}", self.signal, self.unit)
     }

@@ -93,7 +93,6 @@ impl Publisher for Json {
     }
 
     fn subscriptions(&self) -> Vec<Subscription> {
-        // A measured error that comes twice is learned from twice.
         let command = Subscription { filter: format!("{}/command/+", self.root), qos: Qos::AtMostOnce };
         self.settings.takes_measured.then_some(command).into_iter().collect()
     }

@@ -83,7 +83,8 @@ pub struct Sparkplug {
     owes_birth: bool,
     /// They have happened meanwhile.
     waiting: Vec<Happening>,
-    /// When the last measured error that was taken was sent, and what it says: a broker may bring it twice.
+    /// When the last measured error was sent that does not say which measurement it is of, and what it says: a broker may bring
+    /// it twice.
     last_asked: Option<(u64, Command)>,
     left_out: LeftOut,
 }
@@ -281,7 +282,7 @@ impl Publisher for Sparkplug {
         let Heard { asks_for_birth, sent, outcome } =
             command::hear(payload, now.shifted(snapshot.shift), snapshot, born, self.takes_measured);
         let outcome = match (sent, outcome) {
-            (Some(sent), Some(Outcome::Asked(command))) => {
+            (Some(sent), Some(Outcome::Asked(command))) if !command.is_identified() => {
                 let asked = Some((sent, command.clone()));
                 let is_again = self.last_asked == asked;
                 self.last_asked = asked;

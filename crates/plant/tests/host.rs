@@ -264,7 +264,9 @@ fn what_another_implementation_asks_for_is_taken_or_refused() {
     let state = snapshot(0, Some(0.0));
     let birth = host.read_all(&node.connected(at(0), &state)).remove(0);
     let alias = |name: &str| find(&birth, name)["alias"].clone();
-    let measured = |error_um| Some(Outcome::Asked(Asked::Measured { axis: "z".to_owned(), error_um }));
+    let measured = |error_um: f64| {
+        Some(Outcome::Asked(Asked::Measured { axis: "z".to_owned(), report: error_um.into() }))
+    };
     let name = "axis/z/measured_error_um";
     let table = [
         (json!({ "command": name, "value": 3.5, "type": "DOUBLE", "sent": ms(1) }), measured(3.5)),

@@ -5,6 +5,8 @@ use std::time::Duration;
 use schemars::{JsonSchema, Schema};
 use serde::{Deserialize, Deserializer};
 
+use crate::wording::duration_text;
+
 /// A duration that a profile has written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Timespan(pub(crate) Duration);
@@ -38,5 +40,5 @@ impl JsonSchema for Timespan {
 
 /// A duration as a profile would write it.
 pub(crate) fn shown(span: Duration) -> String {
-    humantime::format_duration(span).to_string()
+    duration_text(span)
 }

@@ -7,6 +7,7 @@ use serde::Serialize;
 use crate::regular::LONGEST_QUOTE;
 use crate::span::Spans;
 use crate::unseen::{lines, one_line};
+use crate::wording::{allowing_line, counted};
 
 /// One thing that is wrong, or worth a warning.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -32,6 +33,10 @@ pub struct ProfileError {
     /// How many more there are, behind the last one that is listed.
     #[serde(skip_serializing_if = "is_nought")]
     pub more: usize,
+    /// A layer above the profile may not set this key: what `allow_override` of the profile would have to be. Empty if
+    /// nothing allows it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub allow_override: Option<Vec<String>>,
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde wants a reference")]
@@ -87,9 +92,11 @@ impl Found {
         self.len() == 0
     }
 
-    /// Those that are listed, in the order of the layers and of their lines.
+    /// Those that are listed: first what layers above the profile may not set, then the others, each in the order of the
+    /// layers and of their lines.
     pub(crate) fn listed(mut self, spans: &Spans) -> Vec<ProfileError> {
         spans.sort(&mut self.described);
+        self.described.sort_by_key(|error| error.allow_override.is_none());
         self.described.dedup();
         let more = self.more + self.described.len().saturating_sub(MOST_LISTED);
         self.described.truncate(MOST_LISTED);
@@ -112,7 +119,8 @@ fn cut(text: &mut String, longest: usize) {
     }
 }
 
-/// Everything that is wrong with a profile, in the order of the layers and of their lines.
+/// Everything that is wrong with a profile: first what layers above it may not set, then the others, each in the order of the
+/// layers and of their lines.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(transparent)]
 pub struct Errors(pub Vec<ProfileError>);
@@ -134,6 +142,7 @@ impl ProfileError {
             excerpt: None,
             caret: 0,
             more: 0,
+            allow_override: None,
         }
     }
 }
@@ -166,12 +175,28 @@ impl fmt::Display for ProfileError {
 
 impl fmt::Display for Errors {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for error in &self.0 {
+        let of_layers = || self.0.iter().filter(|error| error.allow_override.is_some());
+        for error in of_layers() {
+            writeln!(f, "{error}")?;
+        }
+        let mut keys: Vec<&String> = Vec::new();
+        for key in of_layers().flat_map(|error| &error.allow_override).flatten() {
+            if !keys.contains(&key) {
+                keys.push(key);
+            }
+        }
+        if of_layers().count() > 1 && !keys.is_empty() {
+            writeln!(
+                f,
+                "to allow all of these, write into the profile below [machine]:\n  {}",
+                allowing_line(keys)
+            )?;
+        }
+        for error in self.0.iter().filter(|error| error.allow_override.is_none()) {
             writeln!(f, "{error}")?;
         }
         let count: usize = self.0.iter().map(|error| 1 + error.more).sum();
-        let plural = if count == 1 { "" } else { "s" };
-        write!(f, "{count} error{plural} in the profile")
+        write!(f, "{} in the profile", counted(count, "error"))
     }
 }
 
@@ -180,11 +205,16 @@ impl std::error::Error for Errors {}
 /// "did you mean `step`? allowed: …", from the words that are allowed.
 pub fn allowed<'a>(word: &str, words: impl IntoIterator<Item = &'a str>) -> String {
     let words: Vec<&str> = words.into_iter().collect();
-    let mut list = if words.is_empty() { "nothing".to_owned() } else { shown(&words).join(", ") };
+    listed(nearest(word, &words), &words)
+}
+
+/// The words that are allowed, after the one that was probably meant.
+pub(crate) fn listed(near: Option<&str>, words: &[&str]) -> String {
+    let mut list = if words.is_empty() { "nothing".to_owned() } else { shown(words).join(", ") };
     if words.len() > MOST_WORDS {
         list.push_str(&format!(" and {} more", words.len() - MOST_WORDS));
     }
-    match nearest(word, &words) {
+    match near {
         Some(near) => format!("did you mean `{near}`? allowed: {list}"),
         None => format!("allowed: {list}"),
     }
@@ -195,10 +225,17 @@ fn shown<'w, 'a>(words: &'w [&'a str]) -> &'w [&'a str] {
 }
 
 /// What people write for some of the words.
-const ALSO: [(&str, &str); 9] = [
+const ALSO: [(&str, &str); 16] = [
     ("c", "degC"),
     ("°c", "degC"),
+    ("℃", "degC"),
+    ("degcelsius", "degC"),
     ("celsius", "degC"),
+    ("centigrade", "degC"),
+    ("kelvin", "K"),
+    ("°k", "K"),
+    ("degk", "K"),
+    ("degkelvin", "K"),
     ("µm", "um"),
     ("micron", "um"),
     ("%", "percent"),
@@ -207,11 +244,20 @@ const ALSO: [(&str, &str); 9] = [
     ("float", "f32"),
 ];
 
+/// The word for what people write instead of it, in small letters.
+pub(crate) fn also<'a>(
+    lower: &str,
+    words: &[&'a str],
+    is_meant: impl Fn(&str, &str) -> bool,
+) -> Option<&'a str> {
+    let meant = ALSO.iter().filter(|(written, _)| is_meant(lower, written)).map(|(_, meant)| *meant);
+    meant.filter_map(|meant| words.iter().copied().find(|known| *known == meant)).next()
+}
+
 /// The word that was probably meant.
 pub fn nearest<'a>(word: &str, words: &[&'a str]) -> Option<&'a str> {
     let lower = word.to_lowercase();
-    let also = ALSO.iter().find(|(written, _)| *written == lower).map(|(_, meant)| *meant);
-    if let Some(meant) = also.and_then(|meant| words.iter().find(|known| **known == meant)) {
+    if let Some(meant) = also(&lower, words, |word, written| word == written) {
         return Some(meant);
     }
     // One slip in a short word, more in a longer one.

@@ -4,11 +4,12 @@
 //! once with its place, and gives a [`Profile`] in which each name has become an index and each text a type.
 //!
 //! # Layout
-//! - `load`, `merge`, `walk`, `span`, `overridden`: the layers, each against the schema, where every key was written, and what
-//!   those above the profile change.
-//! - [`regular`]: files that a person names. `unseen`: texts of others, as people may see them.
+//! - `load`, `merge`, `walk`, `span`, `overridden`, `guarded`: the layers, each against the schema, where every key was written,
+//!   what those above the profile change, and what they may not change.
+//! - [`host_and_port`]: addresses. [`regular`]: files that a person names. `unseen`: texts of others, as people may see them.
 //! - `template`, `dbc`: what device templates and DBC files bring.
 //! - `tables`: a file for each table of the profile: as written, checked, resolved, and what `isotherm check` says of it.
+//! - `written`: the places that a gateway writes to.
 //! - [`plan`], [`preview`]: which requests read a device; the tables' previews and the load of each line in one document.
 
 use std::path::PathBuf;
@@ -23,6 +24,8 @@ mod document;
 mod duration;
 mod error;
 mod files;
+mod guarded;
+mod host_port;
 mod load;
 mod merge;
 mod overridden;
@@ -36,8 +39,11 @@ mod tables;
 pub mod template;
 mod unseen;
 mod walk;
+mod wording;
+mod written;
 
 pub use error::{Errors, ProfileError, allowed, nearest};
+pub use host_port::{NoPlace, host_and_port};
 pub use load::{Loaded, environment, load, load_before_certificates, parse, parse_with};
 pub use overridden::Overridden;
 pub use tables::axis::Axis;
@@ -67,6 +73,7 @@ pub use tables::output::Output;
 pub use tables::output::applied::Applied;
 pub use tables::output::display::{Beside, Display, Shown, Stale};
 pub use tables::output::share::Share;
+pub use tables::output::stated::Stated;
 pub use tables::output::verify::Verify;
 pub use tables::output::writes::Writes;
 pub use tables::quirks::Quirks;
@@ -79,6 +86,7 @@ pub use tables::signal::unit::Unit;
 pub use tables::web::{Commands, Language, PLAIN, Web, WebTls};
 pub use template::Template;
 pub use unseen::{lines, one_line};
+pub use wording::{counted, duration_text};
 
 /// One physical line: its place in the profile's list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

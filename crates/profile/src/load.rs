@@ -11,11 +11,14 @@ use toml::de::DeValue;
 
 use crate::error::{Errors, Found, ProfileError, allowed};
 use crate::files::Files;
-use crate::overridden::{Above, loosened};
+use crate::guarded::{self, Refusal};
+use crate::overridden::Above;
 use crate::regular::{self, without_numbers};
 use crate::schema;
 use crate::span::{Spans, child};
 use crate::tables::RawProfile;
+use crate::tables::output::stated;
+use crate::tables::signal::unit::Scaling;
 use crate::walk::{Walk, resolved, types};
 use crate::{Profile, merge, template};
 
@@ -218,6 +221,7 @@ fn merged_and_checked(
         spans: Spans::default(),
         errors: Found::default(),
         layers: Vec::new(),
+        refused: Vec::new(),
         files: 0,
         broken: false,
     };
@@ -252,6 +256,8 @@ struct Loader<'a> {
     errors: Found,
     /// The first is the profile, unless that is broken.
     layers: Vec<Value>,
+    /// Keys that layers above the profile set and may not set.
+    refused: Vec<Refusal>,
     /// So many of them are files.
     files: usize,
     /// A file is no TOML: what it would have said is unknown, so nothing is said to be missing.
@@ -260,7 +266,8 @@ struct Loader<'a> {
 
 impl Loader<'_> {
     fn walk(&mut self, layer: usize) -> Walk<'_> {
-        Walk { schema: self.schema, layer, spans: &mut self.spans, errors: &mut self.errors }
+        let beside = Scaling::default();
+        Walk { schema: self.schema, layer, spans: &mut self.spans, errors: &mut self.errors, beside }
     }
 
     fn file(&mut self, path: &Path, text: &str) {
@@ -279,7 +286,7 @@ impl Loader<'_> {
     /// Puts a layer over those that are there.
     fn layer(&mut self, layer: Value) {
         if let Some(profile) = self.layers.first().filter(|_| !self.broken) {
-            loosened(profile, &layer, &self.spans).into_iter().for_each(|error| self.errors.push(error));
+            self.refused.extend(guarded::refused(profile, &layer, &self.spans));
         }
         self.layers.push(layer);
     }
@@ -299,27 +306,39 @@ impl Loader<'_> {
         let path = keys.iter().fold(String::new(), |path, key| child(&path, key));
         self.spans.record(layer, &path, 0..0, 0..0);
         let value = scalar(&types(self.schema, schema), text);
-        if let Some(value) = self.walk(layer).value(schema, &path, value) {
+        let table = keys.iter().rev().skip(1).rev().try_fold(below, |value, key| value.get(key));
+        let mut walk = self.walk(layer);
+        walk.beside = table.map(Scaling::of).unwrap_or_default();
+        if let Some(value) = walk.value(schema, &path, value) {
             let nest = |inner, key: &String| Value::Object(Map::from_iter([(key.clone(), inner)]));
             self.layer(keys.iter().rev().fold(value, nest));
         }
     }
 
     fn finish(mut self, path: PathBuf, files: &Files<'_>) -> Result<Loaded, Errors> {
-        let layers = std::mem::take(&mut self.layers);
+        let mut layers = std::mem::take(&mut self.layers);
         let (mut merged, mut overridden) = (Value::Null, Vec::new());
+        // The profile alone, where layers lie above it.
+        let mut own = None;
         if layers.len() > 1 {
             merged = merge_all(&layers, &mut self.errors);
             let files = self.files.saturating_sub(1);
-            let (profile, layers) = (&layers[0], &layers[1..]);
-            overridden = Above { profile, layers, files, merged: &merged, spans: &self.spans }.list();
-        } else if let Some(only) = layers.into_iter().next() {
+            let (profile, above) = (&layers[0], &layers[1..]);
+            let (allowed, spans) = (guarded::allowed(profile), &self.spans);
+            overridden = Above { profile, layers: above, allowed, files, merged: &merged, spans }.list();
+            own = Some(layers.swap_remove(0));
+        } else if let Some(only) = layers.pop() {
             // A copy of a large machine would be a large part of the memory.
             merged = only;
         }
         let mut checked = None;
         if !self.broken {
             let templates = template::fill(&mut merged, files, &mut self.spans, &mut self.errors);
+            if let Some(own) = &own {
+                let refused = std::mem::take(&mut self.refused);
+                let refused = guarded::that_count(refused, own, &merged);
+                refused.into_iter().for_each(|error| self.errors.push(error));
+            }
             let schema = self.schema;
             self.walk(0).missing(schema, "", &merged);
             self.spans.mark_right("", &merged);
@@ -338,6 +357,7 @@ impl Loader<'_> {
         };
         if let Some(mut profile) = profile.filter(|_| self.errors.is_empty()) {
             profile.overridden = overridden;
+            own.iter().for_each(|own| stated::by(own, &mut profile));
             return Ok(Loaded { profile, warnings: warnings.listed(&self.spans), files: Vec::new() });
         }
         if self.errors.is_empty() {

@@ -1,21 +1,15 @@
-//! What the layers above a profile set: reported wherever the gateway says how it is set, and never a guard that is looser
-//! than the profile's own.
+//! Keys that the layers above a profile set: the gateway reports them wherever it says how it is set.
 
 use std::collections::BTreeSet;
 use std::fmt;
 
 use serde::Serialize;
-use serde_json::{Map, Value};
+use serde_json::Value;
 
-use crate::error::ProfileError;
 use crate::span::{Spans, child};
 use crate::unseen::veiled;
 
-/// The keys of an axis that a layer above the profile may only make smaller.
-const SMALLER: [&str; 3] = ["limit", "step", "rate"];
-/// The one that no layer above the profile changes.
-const ON_FAULT: &str = "on_fault";
-/// A value that is longer is shown by its beginning: the layer has the rest.
+/// Longest value that is shown whole, in characters.
 const LONGEST: usize = 80;
 
 /// A key that a layer above the profile has set.
@@ -29,31 +23,33 @@ pub struct Overridden {
     pub now: String,
     /// The file with its line, `environment ISOTHERM__…`, or `--set key`.
     pub from: String,
+    /// The profile names the key in `allow_override`.
+    #[serde(skip_serializing_if = "is_not")]
+    pub allowed: bool,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde wants a reference")]
+fn is_not(allowed: &bool) -> bool {
+    !allowed
 }
 
 impl fmt::Display for Overridden {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Overridden { key, profile, now, from } = self;
+        let Overridden { key, profile, now, from, allowed } = self;
         match profile {
-            Some(profile) => write!(f, "{key} = {now} instead of the profile's {profile}, from {from}"),
-            None => write!(f, "{key} = {now}, which the profile does not have, from {from}"),
+            Some(profile) => write!(f, "{key} = {now} instead of the profile's {profile}, from {from}")?,
+            None => write!(f, "{key} = {now}, which the profile does not have, from {from}")?,
         }
+        if *allowed { f.write_str(", as `allow_override` allows") } else { Ok(()) }
     }
-}
-
-/// The guard keys of these axes.
-pub(crate) fn guard_keys(axes: &[String]) -> Vec<String> {
-    let of_axis = |name: &String| {
-        let axis = child("axis", name);
-        SMALLER.into_iter().chain([ON_FAULT]).map(move |key| child(&axis, key))
-    };
-    axes.iter().flat_map(of_axis).chain(["machine.arm".to_owned()]).collect()
 }
 
 /// The layers above a profile.
 pub(crate) struct Above<'a> {
     pub(crate) profile: &'a Value,
     pub(crate) layers: &'a [Value],
+    /// What the profile names in `allow_override`.
+    pub(crate) allowed: Vec<String>,
     /// So many of them are files, which come first.
     pub(crate) files: usize,
     pub(crate) merged: &'a Value,
@@ -61,7 +57,7 @@ pub(crate) struct Above<'a> {
 }
 
 impl Above<'_> {
-    /// Every key that they set, by its path.
+    /// Every key that they set, by its path; first those that `allow_override` names.
     pub(crate) fn list(&self) -> Vec<Overridden> {
         let mut found = BTreeSet::new();
         for (place, layer) in self.layers.iter().enumerate() {
@@ -72,9 +68,13 @@ impl Above<'_> {
             let path = keys.iter().fold(String::new(), |path, key| child(&path, key));
             let from = self.spans.line_of(&path);
             let now = at(self.merged, &keys).map(short).unwrap_or_default();
-            Overridden { key: path, profile: at(self.profile, &keys).map(short), now, from }
+            let is_inside = |guard: &String| path.strip_prefix(guard.as_str()).is_some_and(begins_anew);
+            let allowed = self.allowed.iter().any(is_inside);
+            Overridden { key: path, profile: at(self.profile, &keys).map(short), now, from, allowed }
         };
-        found.into_iter().map(overridden).collect()
+        let mut listed: Vec<Overridden> = found.into_iter().map(overridden).collect();
+        listed.sort_by_key(|one| !one.allowed);
+        listed
     }
 }
 
@@ -98,105 +98,21 @@ fn gather(
     }
 }
 
+/// Whether the rest of a path is nothing, or a key inside.
+fn begins_anew(rest: &str) -> bool {
+    rest.is_empty() || rest.starts_with('.')
+}
+
 fn at<'v>(value: &'v Value, keys: &[String]) -> Option<&'v Value> {
     keys.iter().try_fold(value, |value, key| value.get(key))
 }
 
-fn short(value: &Value) -> String {
+/// A value as it is shown; a long one by its beginning.
+pub(crate) fn short(value: &Value) -> String {
     let text = value.to_string();
     let text = veiled(&text).into_owned();
     match text.char_indices().nth(LONGEST) {
         Some((end, _)) => format!("{}…", &text[..end]),
         None => text,
-    }
-}
-
-/// The guard keys that this layer sets looser than the profile, unless the profile itself allows it.
-pub(crate) fn loosened(profile: &Value, layer: &Value, spans: &Spans) -> Vec<ProfileError> {
-    let allowed: Vec<&str> = profile
-        .pointer("/machine/allow_override")
-        .and_then(Value::as_array)
-        .into_iter()
-        .flatten()
-        .filter_map(Value::as_str)
-        .collect();
-    let mut guards = Guards { spans, allowed, errors: Vec::new() };
-    for (name, axis) in layer.get("axis").and_then(Value::as_object).into_iter().flatten() {
-        let (path, own) = (child("axis", name), profile.get("axis").and_then(|axes| axes.get(name)));
-        let own = |key: &str| own.and_then(|own| own.get(key));
-        for key in SMALLER {
-            if let Some(value) = axis.get(key) {
-                guards.smaller(&child(&path, key), own(key), value);
-            }
-        }
-        if let Some(value) = axis.get(ON_FAULT).and_then(Value::as_object) {
-            guards.same(&child(&path, ON_FAULT), own(ON_FAULT), value);
-        }
-    }
-    guards.machine(profile.get("machine"), layer.get("machine"));
-    guards.errors
-}
-
-struct Guards<'a> {
-    spans: &'a Spans,
-    allowed: Vec<&'a str>,
-    errors: Vec<ProfileError>,
-}
-
-impl Guards<'_> {
-    fn smaller(&mut self, path: &str, profile: Option<&Value>, value: &Value) {
-        let Some(own) = profile else { return self.absent(path, path) };
-        let is_smaller = own.as_f64().zip(value.as_f64()).is_some_and(|(own, new)| new <= own);
-        if !is_smaller {
-            let why = format!("{value} is more than the {own} of the profile, and may only be less here");
-            self.refuse(path, path, why, &format!("write at most {own}"));
-        }
-    }
-
-    fn same(&mut self, path: &str, profile: Option<&Value>, table: &Map<String, Value>) {
-        for (key, value) in table {
-            let inner = child(path, key);
-            match profile.and_then(|profile| profile.get(key)) {
-                Some(own) if own == value => {}
-                Some(own) => {
-                    let why = format!(
-                        "{value} is not the {own} of the profile, which alone says what a fault does"
-                    );
-                    self.refuse(path, &inner, why, "remove it here");
-                }
-                None => self.absent(path, &inner),
-            }
-        }
-    }
-
-    fn machine(&mut self, profile: Option<&Value>, layer: Option<&Value>) {
-        let Some(layer) = layer else { return };
-        let is = |machine: &Value, word: &str| machine.get("arm").is_some_and(|arm| arm == word);
-        if is(layer, "auto") && profile.is_some_and(|profile| is(profile, "manual")) {
-            let why = "the profile says \"manual\": no layer above it lets axes arm by themselves".to_owned();
-            self.refuse("machine.arm", "machine.arm", why, "remove it here");
-        }
-        if layer.get("allow_override").is_some() {
-            let why = "what may be loosened is said by the profile itself, by no layer above it";
-            let help = "write it into the profile, or remove it here".to_owned();
-            self.errors.push(self.spans.at_key("machine.allow_override", why, Some(help)));
-        }
-    }
-
-    fn absent(&mut self, guard: &str, path: &str) {
-        // What is written there and wrong has been reported.
-        if self.spans.rank(path).0 > 0 {
-            let why =
-                format!("the profile has no `{path}`, and a guard that is not there cannot be tightened");
-            self.refuse(guard, path, why, "write it into the profile");
-        }
-    }
-
-    fn refuse(&mut self, guard: &str, path: &str, why: String, remedy: &str) {
-        if !self.allowed.contains(&guard) {
-            let help =
-                format!("{remedy}; or have the profile allow it: [machine] allow_override = [\"{guard}\"]");
-            self.errors.push(self.spans.at_value(path, why, Some(help)));
-        }
     }
 }

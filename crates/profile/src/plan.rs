@@ -10,6 +10,7 @@ use std::fmt;
 use std::time::Duration;
 
 use crate::document::Section;
+use crate::wording::counted;
 use crate::{Device, Profile, Quirks, ReadBy, Signal, SourceTime};
 use isotherm_core::codec::{Address, Node, Object, PcSensor, Register};
 use isotherm_core::reading::SignalId;
@@ -202,26 +203,19 @@ impl fmt::Display for ReadRequest {
             ReadTarget::Object(object) => return write!(f, "read {object}"),
             ReadTarget::Sensors(sensors) if sensors.len() == 1 => return write!(f, "read 1 sensor"),
             ReadTarget::Sensors(sensors) => return write!(f, "read {} sensors at once", sensors.len()),
-            ReadTarget::Nodes(nodes) if nodes.len() == 1 => return write!(f, "read 1 node"),
-            ReadTarget::Nodes(nodes) => return write!(f, "read {} nodes", nodes.len()),
+            ReadTarget::Nodes(nodes) => return write!(f, "read {}", counted(nodes.len(), "node")),
             ReadTarget::Subscription(Subscription { nodes, .. }) => {
-                return write!(
-                    f,
-                    "subscribe to {} node{}",
-                    nodes.len(),
-                    if nodes.len() == 1 { "" } else { "s" }
-                );
+                return write!(f, "subscribe to {}", counted(nodes.len(), "node"));
             }
         };
         let last = Register { offset: first.offset.saturating_add(count - 1), ..first };
-        let plural = if count == 1 { "" } else { "s" };
         let cells = if first.table.is_bits() { "bit" } else { "register" };
         if first == last {
             write!(f, "read {first} ({})", first.modicon())?;
         } else {
             write!(f, "read {first}..{} ({}..{})", last.offset, first.modicon(), last.modicon())?;
         }
-        write!(f, ", {count} {cells}{plural}")
+        write!(f, ", {}", counted(count, cells))
     }
 }
 
@@ -230,7 +224,6 @@ pub fn summary(requests: &[ReadRequest]) -> String {
     if requests.is_empty() {
         return "nothing is read".to_owned();
     }
-    let counted = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
     let touched = |bits: bool| {
         let spans = requests.iter().filter_map(ReadRequest::span);
         spans.filter(|(from, _)| from.table.is_bits() == bits).map(|(_, count)| usize::from(count)).sum()
@@ -250,7 +243,7 @@ pub fn summary(requests: &[ReadRequest]) -> String {
         .filter(|(count, _)| *count > 0)
         .map(|(count, what)| counted(count, what))
         .collect();
-    let signals = requests.iter().map(|request| request.fields.len()).sum();
+    let signals: usize = requests.iter().map(|request| request.fields.len()).sum();
     format!(
         "{} touching {} for {}",
         counted(requests.len(), "request"),

@@ -244,6 +244,7 @@ impl Spans {
             excerpt,
             caret: caret.unwrap_or_default(),
             more: 0,
+            allow_override: None,
         }
     }
 

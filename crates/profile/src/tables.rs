@@ -496,10 +496,3 @@ impl<'c> At<'c> {
         self.check.files.read(name).map_err(|why| self.wrong(why, help)).ok()
     }
 }
-
-/// The host of "host:port".
-fn host_of(address: &str) -> Option<&str> {
-    let (host, port) = address.rsplit_once(':')?;
-    port.parse::<u16>().ok()?;
-    (!host.is_empty()).then_some(host)
-}

@@ -8,6 +8,7 @@ use toml::de::{DeArray, DeTable, DeValue};
 use crate::duration::Timespan;
 use crate::error::{Found, allowed};
 use crate::span::{Spans, child, element};
+use crate::tables::signal::unit::{Scaling, Unit};
 use crate::unseen::is_unseen;
 
 /// A list of a profile has no more entries: every term of a model is computed in every step.
@@ -19,6 +20,8 @@ pub(crate) struct Walk<'a> {
     pub(crate) layer: usize,
     pub(crate) spans: &'a mut Spans,
     pub(crate) errors: &'a mut Found,
+    /// What stands beside the unit that is looked at.
+    pub(crate) beside: Scaling,
 }
 
 /// The schema behind a `$ref`.
@@ -60,7 +63,9 @@ impl Walk<'_> {
         let mut entries: Vec<_> = table.into_iter().collect();
         entries.sort_by_key(|(key, _)| key.span().start);
         let mut right = Map::new();
+        let beside = Scaling::among(&entries, self.layer);
         for (key, value) in entries {
+            self.beside = beside;
             let name: &str = key.get_ref();
             let inner = known.and_then(|known| known.get(name)).or(free);
             if inner.is_none() && self.errors.is_full() {
@@ -107,7 +112,7 @@ impl Walk<'_> {
             (DeValue::Table(table), "object") => return Some(self.table(schema, path, table)),
             (DeValue::Array(items), "array") => return self.list(schema, path, at, items),
             (DeValue::Boolean(yes), "boolean") => return Some(Value::Bool(yes)),
-            (DeValue::String(text), "string") => match wrong_text(schema, is_duration, &text) {
+            (DeValue::String(text), "string") => match wrong_text(schema, is_duration, &text, self.beside) {
                 None => return Some(Value::from(text)),
                 Some((message, help)) => (message, Some(help)),
             },
@@ -242,14 +247,17 @@ const UNSEEN: &str = "has characters that are not seen, or end a line";
 const SEEN: &str = "write it in one line, of characters that are seen";
 
 /// What is wrong with a text, and the remedy.
-fn wrong_text(schema: &Value, is_duration: bool, text: &str) -> Option<(String, String)> {
+fn wrong_text(schema: &Value, is_duration: bool, text: &str, beside: Scaling) -> Option<(String, String)> {
     if text.contains(is_unseen) {
         return Some((format!("the text `{text}` {UNSEEN}"), SEEN.to_owned()));
     }
     let words = schema.get("enum").and_then(Value::as_array);
     let words: Option<Vec<&str>> = words.map(|words| words.iter().filter_map(Value::as_str).collect());
     if let Some(words) = words.filter(|words| !words.contains(&text)) {
-        let help = meant(text, &words).unwrap_or_else(|| allowed(text, words));
+        let help = match words == Unit::WORDS {
+            true => Unit::help(text, beside),
+            false => meant(text, &words).unwrap_or_else(|| allowed(text, words)),
+        };
         return Some((format!("`{text}` is not a word known here"), help));
     }
     let why = humantime::parse_duration(text).err().filter(|_| is_duration)?;

@@ -11,6 +11,7 @@ use crate::observe::events::Event;
 use crate::observe::events::file::Found;
 use crate::observe::status::{Answer, Command, Source, Status, TruthStatus};
 use crate::virtual_machine::Window;
+use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::{Moment, time};
 
 /// The gateway's state, with the truth in it.
@@ -75,8 +76,8 @@ impl Source for WithTruth {
         self.source.signing(axis)
     }
 
-    fn measured(&self, axis: &str, error_um: Option<f64>, asker: &Asker) -> Result<Answer, String> {
-        self.source.measured(axis, error_um, asker)
+    fn measured(&self, axis: &str, report: Option<MeasuredReport>, asker: &Asker) -> Result<Answer, String> {
+        self.source.measured(axis, report, asker)
     }
 
     fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String> {

@@ -8,6 +8,7 @@ use anyhow::Context;
 use super::super::print_json;
 use isotherm_identify::balls::{DIRECTIONS, Terms, log, terms};
 use isotherm_identify::dataset::{Dataset, Split, every_column};
+use isotherm_profile::counted;
 
 #[derive(clap::Args, Debug)]
 pub(super) struct Touches {
@@ -49,9 +50,9 @@ pub(super) fn run(arguments: &Touches, json: bool) -> anyhow::Result<()> {
 
 fn tell(found: &Terms) -> std::io::Result<()> {
     say!(
-        "balls along {}, {} rounds; how far the coordinates have moved since the first, with the origin at {} mm",
+        "balls along {}, {}; how far the coordinates have moved since the first, with the origin at {} mm",
         found.array,
-        found.rounds.len(),
+        counted(found.rounds.len(), "round"),
         found.origin_mm
     )?;
     for remark in &found.remarks {
@@ -73,7 +74,7 @@ fn tell(found: &Terms) -> std::io::Result<()> {
     if found.rounds.iter().any(|round| round.spindle_um_per_mm.is_some()) {
         say!("  {:>6}  tilt B of the spindle, µm/m of stylus", "hour")?;
         for round in &found.rounds {
-            let tilts = round.spindle_um_per_mm.map_or("not told".to_owned(), |tilts| {
+            let tilts = round.spindle_um_per_mm.map_or("unknown".to_owned(), |tilts| {
                 let across = (0..3).filter(|place| *place != found.along);
                 across
                     .map(|place| format!("{} {:+.2}", DIRECTIONS[place], 1000.0 * tilts[place]))

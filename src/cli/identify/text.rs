@@ -4,12 +4,13 @@ use std::io::{self, Write};
 use std::time::Duration;
 
 use isotherm_identify::Identified;
+use isotherm_profile::duration_text;
 
 /// Most terms that are printed; all of them stand in the block and in the JSON.
 const MOST_TERMS: usize = 40;
 
 pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Duration>) -> io::Result<()> {
-    let probed = probe.map(|interval| format!(", probed every {}", humantime::format_duration(interval)));
+    let probed = probe.map(|interval| format!(", probed every {}", duration_text(interval)));
     writeln!(out, "axis {}: {}{}", found.axis, found.method, probed.unwrap_or_default())?;
     let columns = |used: &str| {
         let named = found.columns.iter().filter(|column| column.used == used);
@@ -43,7 +44,7 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
     let width = terms.iter().map(|term| term.signal.chars().count()).max().unwrap_or(0);
     for term in terms.iter().take(MOST_TERMS) {
         let lag = match term.lag_s {
-            lag if lag > 0.0 => format!("lag {}", humantime::format_duration(Duration::from_secs_f64(lag))),
+            lag if lag > 0.0 => format!("lag {}", duration_text(Duration::from_secs_f64(lag))),
             _ => "at once".to_owned(),
         };
         // Four decimals would show nothing of a gain per rpm².

@@ -17,7 +17,7 @@ struct Parser {
 #[track_caller]
 fn taken(answers: &Answers) -> isotherm_profile::Profile {
     let text = text::profile(answers);
-    let profile = isotherm_profile::parse(Path::new("first.toml"), &text, &[], &[]);
+    let profile = isotherm_profile::parse(std::path::Path::new("first.toml"), &text, &[], &[]);
     profile.unwrap_or_else(|errors| panic!("{errors}\n{text}")).profile
 }
 

@@ -1,18 +1,20 @@
 //! The files of a recording, and what was in them.
 
 use std::fmt;
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::Context;
 
+use crate::cli::new_file::{self, cannot_be_written};
 use crate::gateway::log::number;
 use crate::observe::status::Status;
 use crate::virtual_machine::{AxisSummary, TruthRow};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
+use isotherm_profile::{counted, duration_text};
 
 /// The file that is being written, and the sums over all of them.
 pub(super) struct Recording {
@@ -104,9 +106,12 @@ impl Recording {
             }
         }
         line.push(b'\n');
-        self.file
-            .write_all(&line)
-            .with_context(|| format!("{} cannot be written; what stands there is kept", self.path()))?;
+        if let Err(error) = self.file.write_all(&line) {
+            let path = self.files.last().unwrap_or(&self.out);
+            let rows = counted(self.rows, "row");
+            return Err(cannot_be_written(path, &error)
+                .context(format!("the recording ends after {rows}, which are kept")));
+        }
         self.rows += 1;
         self.last = now;
         for (column, signal) in self.columns.iter_mut().zip(&status.signals) {
@@ -152,12 +157,7 @@ fn open(path: &Path, header: &str) -> anyhow::Result<File> {
         std::fs::create_dir_all(directory)
             .with_context(|| format!("the directory {} cannot be made", directory.display()))?;
     }
-    let mut file = OpenOptions::new().create_new(true).write(true).open(path).with_context(|| {
-        let path = path.display();
-        format!("{path} cannot be begun; nothing is overwritten: name another file, or a directory")
-    })?;
-    file.write_all(header.as_bytes())?;
-    Ok(file)
+    new_file::create(path, header)
 }
 
 /// What a person wants to know before the probe is taken off.
@@ -165,14 +165,17 @@ impl fmt::Display for Recording {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let span = Duration::from_secs(self.last.since(self.first).as_secs());
         let files: Vec<String> = self.files.iter().map(|path| path.display().to_string()).collect();
-        writeln!(f, "{}: {} rows over {}", files.join(", "), self.rows, humantime::format_duration(span))?;
+        writeln!(f, "{}: {} over {}", files.join(", "), counted(self.rows, "row"), duration_text(span))?;
         let width = self.columns.iter().map(|column| column.name.len()).max().unwrap_or(0);
         for Column { name, unit, rows, range: (low, high), .. } in &self.columns {
             let missing = self.rows - rows;
             match (*rows, missing) {
                 (0, _) => writeln!(f, "  {name:<width$}  never read")?,
                 (_, 0) => writeln!(f, "  {name:<width$}  {low:.4} … {high:.4} {unit}")?,
-                _ => writeln!(f, "  {name:<width$}  {low:.4} … {high:.4} {unit}, missing in {missing} rows")?,
+                _ => {
+                    let missing = counted(missing, "row");
+                    writeln!(f, "  {name:<width$}  {low:.4} … {high:.4} {unit}, missing in {missing}")?;
+                }
             }
         }
         Ok(())

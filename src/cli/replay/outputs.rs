@@ -13,6 +13,7 @@ use super::{Difference, Reproduced};
 use crate::gateway::log::outputs::{ENDING, Entry, HEADER, OutputLogReader, OutputReplay, Replayed};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::regular;
+use isotherm_profile::{counted, duration_text};
 
 /// A replayed log of outputs in numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -81,7 +82,7 @@ pub fn replay_outputs(log: impl Read, name: &str) -> anyhow::Result<OutputsSumma
     }
     let left_out = unknown.into_iter().map(|(output, (line, rows))| {
         format!(
-            "{name}, line {line}: no row says from what {output} goes on; {rows} of its rows are left out"
+            "{name}, line {line}: no row says from which value {output} resumes; {rows} of its rows are left out"
         )
     });
     let warnings = reader.warnings().iter().cloned().chain(left_out).collect();
@@ -92,16 +93,22 @@ pub fn replay_outputs(log: impl Read, name: &str) -> anyhow::Result<OutputsSumma
 impl fmt::Display for OutputsSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let span = Duration::try_from_secs_f64(self.span_s.round()).unwrap_or_default();
-        writeln!(f, "{}: {} rows over {}", self.log, self.rows, humantime::format_duration(span))?;
+        writeln!(f, "{}: {} over {}", self.log, counted(self.rows, "row"), duration_text(span))?;
         for (name, output) in &self.outputs {
             let Some(first) = &output.first else {
-                writeln!(f, "output {name}: the {} actions in the log came out again", output.rows)?;
+                let actions = counted(output.rows, "action");
+                writeln!(f, "output {name}: the {actions} in the log came out again")?;
                 continue;
             };
             writeln!(
                 f,
-                "output {name}: {} of {} actions came out different; first in {}, line {}: it is `{}` in the log, `{}` here",
-                output.differing, output.rows, self.log, first.line, first.recorded, first.replayed
+                "output {name}: {} of {} came out different; first in {}, line {}: it is `{}` in the log, `{}` here",
+                output.differing,
+                counted(output.rows, "action"),
+                self.log,
+                first.line,
+                first.recorded,
+                first.replayed
             )?;
         }
         for warning in &self.warnings {

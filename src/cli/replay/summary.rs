@@ -11,6 +11,7 @@ use crate::gateway::log::{Decided, LogRow};
 use isotherm_core::compensation::{AxisState, Remembered};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
+use isotherm_profile::{counted, duration_text};
 
 /// A replayed log in numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -206,7 +207,7 @@ impl Tally {
             warnings.push(format!(
                 "{log}: most rows are further apart than axis {} updates ({}); there is one update per row, so Cz may lag",
                 axis.name,
-                humantime::format_duration(axis.every),
+                duration_text(axis.every),
             ));
         }
         if let Some((axis, model)) = self.other_stand_ins {
@@ -269,7 +270,7 @@ fn difference(axis: &str, line: u64, decided: &Decided, outcome: &Outcome<'_>) -
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let span = Duration::try_from_secs_f64(self.span_s.round()).unwrap_or_default();
-        writeln!(f, "{}: {} rows over {}", self.log, self.rows, humantime::format_duration(span))?;
+        writeln!(f, "{}: {} over {}", self.log, counted(self.rows, "row"), duration_text(span))?;
         for (name, axis) in &self.axes {
             write!(f, "axis {name}: model ")?;
             write_range(f, axis.raw_um)?;
@@ -290,12 +291,12 @@ impl fmt::Display for Summary {
             if let Some(error) = &axis.error {
                 writeln!(
                     f,
-                    "  error: range {:.2} µm → {:.2} µm, rms {:.2} µm → {:.2} µm ({} rows)",
+                    "  error: range {:.2} µm → {:.2} µm, rms {:.2} µm → {:.2} µm ({})",
                     error.range_before_um,
                     error.range_after_um,
                     error.rms_before_um,
                     error.rms_after_um,
-                    error.rows
+                    counted(error.rows, "row")
                 )?;
             }
             if let Some(reproduced) = &axis.reproduced {
@@ -319,12 +320,21 @@ fn write_range(f: &mut fmt::Formatter<'_>, range: Option<Range>) -> fmt::Result 
 impl fmt::Display for Reproduced {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(first) = &self.first else {
-            return writeln!(f, "  the {} decisions in the log came out again, bit for bit", self.rows);
+            return writeln!(
+                f,
+                "  the {} in the log came out again, bit for bit",
+                counted(self.rows, "decision")
+            );
         };
         writeln!(
             f,
-            "  {} of {} decisions came out different; first in line {}: {} is `{}` in the log, `{}` here",
-            self.differing, self.rows, first.line, first.column, first.recorded, first.replayed
+            "  {} of {} came out different; first in line {}: {} is `{}` in the log, `{}` here",
+            self.differing,
+            counted(self.rows, "decision"),
+            first.line,
+            first.column,
+            first.recorded,
+            first.replayed
         )
     }
 }

@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 
 use isotherm_identify::drift::Drift;
+use isotherm_profile::counted;
 
 pub(super) fn render(out: &mut impl Write, drift: &Drift) -> io::Result<()> {
     sentences(out, drift)?;
@@ -14,14 +15,14 @@ pub(super) fn render(out: &mut impl Write, drift: &Drift) -> io::Result<()> {
 fn sentences(out: &mut impl Write, drift: &Drift) -> io::Result<()> {
     writeln!(
         out,
-        "{}: {} over {}, {} rows. Like a test of ISO 230-3 for {}: {}.",
+        "{}: {} over {}, {}. Like a test of ISO 230-3 for {}: {}.",
         drift.name,
         match drift.displacements.len() {
             1 => "one displacement".to_owned(),
             count => format!("{count} displacements"),
         },
         clock(drift.hours),
-        drift.rows,
+        counted(drift.rows, "row"),
         drift.test.title(),
         drift.because
     )?;

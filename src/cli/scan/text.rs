@@ -8,6 +8,7 @@ use serde_json::json;
 use crate::discovery::bus::{LineAddress, Transport};
 use crate::discovery::scan::{How, Responder, Scan, heeds_no_number};
 use crate::discovery::walk::RegisterRange;
+use isotherm_profile::duration_text;
 use isotherm_profile::{BusId, Profile};
 
 /// What is about to be asked, and how long that can take.
@@ -24,8 +25,8 @@ pub(super) fn plan(scan: &Scan) -> String {
         "asking {units} on {} for {}, reading only{settings}; {} for each answer, {} at worst; Ctrl-C ends it",
         scan.lines[0],
         registers.join(", then "),
-        humantime::format_duration(scan.bus.timeout),
-        humantime::format_duration(Duration::from_secs(scan.at_worst().as_secs() + 1)),
+        duration_text(scan.bus.timeout),
+        duration_text(Duration::from_secs(scan.at_worst().as_secs() + 1)),
     )
 }
 

@@ -7,6 +7,7 @@ use serde_json::Value;
 
 use crate::observe::status::OutputStatus;
 use isotherm_profile::{Unit, labelled};
+use isotherm_profile::{counted, duration_text};
 
 /// So many of the last events are shown; `isotherm events` shows all.
 const LAST_EVENTS: usize = 5;
@@ -55,7 +56,7 @@ fn broker(mqtt: &Value) -> String {
         return String::new();
     }
     let goes = match (mqtt["connected"] == true, word(&mqtt["fault"])) {
-        (true, _) => format!("connected, {} messages published", mqtt["published"]),
+        (true, _) => format!("connected, {} published", counted(&mqtt["published"], "message")),
         (false, "") => "not connected yet".to_owned(),
         (false, fault) => fault.to_owned(),
     };
@@ -165,7 +166,7 @@ fn micron(value: &Value) -> String {
 
 fn span(value: &Value) -> String {
     let span = Duration::try_from_secs_f64(value.as_f64().unwrap_or_default()).unwrap_or_default();
-    humantime::format_duration(Duration::from_secs(span.as_secs())).to_string()
+    duration_text(Duration::from_secs(span.as_secs()))
 }
 
 fn moment(value: &Value) -> String {

@@ -13,7 +13,7 @@ use crate::fieldbus::connection::{Connection, Dial};
 use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::{CallerFault, CanFault, Fault, LinkFault, PeerFault};
 use crate::fieldbus::trace::Tap;
-use crate::fieldbus::wire::{Answer, Boxed, CanRequest, Request, Wire};
+use crate::fieldbus::wire::{Answer, Boxed, CanRequest, Ending, Request, Wire};
 use isotherm_core::codec::Frame;
 
 /// Opens the line of an interface that somebody listens to.
@@ -99,6 +99,11 @@ impl Wire for CanWire {
                 }
             }
         })
+    }
+
+    /// The listener of the interface notices which nodes come and go.
+    fn ending(&mut self) -> Ending {
+        Ending::Kept
     }
 
     fn missed(&mut self) -> Fault {

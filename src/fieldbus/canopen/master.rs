@@ -16,6 +16,7 @@ use super::node::{self, HEARTBEAT, NodeState};
 use isotherm_core::codec::{CanId, Frame};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Sync;
+use isotherm_profile::duration_text;
 
 /// How a node is led.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -234,10 +235,10 @@ impl fmt::Display for NodeEvent {
             NodeEvent::FellBack => write!(f, "has gone back to pre-operational by itself"),
             NodeEvent::Stopped => write!(f, "was stopped by somebody else"),
             NodeEvent::Lost { never_seen: true, after } => {
-                write!(f, "was never heard of: no heartbeat for {}", humantime::format_duration(*after))
+                write!(f, "was never heard of: no heartbeat for {}", duration_text(*after))
             }
             NodeEvent::Lost { never_seen: false, after } => {
-                write!(f, "is silent: no heartbeat for {}", humantime::format_duration(*after))
+                write!(f, "is silent: no heartbeat for {}", duration_text(*after))
             }
             NodeEvent::Back { after } => {
                 write!(f, "is heard of again after {:.1} s", after.as_secs_f64())

@@ -26,6 +26,10 @@ pub(super) struct Unit {
     pub(super) quirks: Quirks,
     pub(super) breaker: Backoff,
     pub(super) last_fault: Fault,
+    /// It has checks that must pass before it is used.
+    pub(super) is_checked: bool,
+    /// When it last answered.
+    pub(super) heard: Moment,
 }
 
 /// All of them. Several devices of a profile may be one unit.
@@ -44,6 +48,8 @@ impl Units {
             quirks: device.quirks,
             breaker: Backoff::new(FIRST_PAUSE, seed(&device.name)),
             last_fault: Fault::Link(LinkFault::Down),
+            is_checked: device.is_checked(),
+            heard: Moment::default(),
         };
         let owed = Debts::of_units(devices.iter().map(|(_, device)| device.unit));
         Units { all: devices.iter().map(unit).collect(), owed }
@@ -64,6 +70,11 @@ impl Units {
 
     pub(super) fn get(&self, device: DeviceId) -> Option<&Unit> {
         self.all.iter().find(|unit| unit.device == device)
+    }
+
+    /// The devices with this unit number.
+    pub(super) fn named(&self, number: u8) -> impl Iterator<Item = DeviceId> {
+        self.all.iter().filter(move |unit| unit.number == number).map(|unit| unit.device)
     }
 
     pub(super) fn owed(&mut self, place: usize) -> &mut Owed {

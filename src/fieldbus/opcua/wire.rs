@@ -17,7 +17,7 @@ use super::status::{all_written, call_fault, is_of_the_session};
 use super::value::{node_id, reading, variant};
 use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
-use crate::fieldbus::wire::{Answer, Boxed, NodeRequest, Request, Wire};
+use crate::fieldbus::wire::{Answer, Boxed, Ending, NodeRequest, Request, Wire};
 
 /// An open session on an open channel.
 pub(super) struct OpcUa {
@@ -179,6 +179,11 @@ impl Wire for OpcUa {
 
     fn subscription_news(&mut self) -> Option<String> {
         self.publishing.news()
+    }
+
+    /// An exchanged or restarted server does not know the session.
+    fn ending(&mut self) -> Ending {
+        Ending::Kept
     }
 
     fn close(&mut self) -> Boxed<'_, ()> {

@@ -1,4 +1,4 @@
-//! One question and what came of it, for people (two lines) and for programs (one JSON object).
+//! One request and its answer, as readable text (two lines) and as a JSON object.
 
 use std::fmt::{self, Write};
 use std::time::Duration;
@@ -9,6 +9,7 @@ use crate::fieldbus::error::Fault;
 use crate::fieldbus::request::{Answer, CanRequest, NodeReading, NodeRequest, Request};
 use isotherm_core::codec::{Frame, Register, Table};
 use isotherm_core::quantity::Moment;
+use isotherm_profile::counted;
 
 /// One question and what came of it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -21,7 +22,7 @@ pub struct Exchange {
     pub took: Duration,
     /// Modbus unit.
     pub unit: u8,
-    /// What was asked, for people; empty for what came by itself.
+    /// The request as readable text; empty for a message that came unasked.
     pub asked: String,
     /// The bytes that went out; none where there was no connection.
     #[serde(serialize_with = "hex")]
@@ -31,7 +32,7 @@ pub struct Exchange {
     pub received: Vec<u8>,
     /// Bytes that passed beyond those two.
     pub more: usize,
-    /// What was answered, or what was wrong with it, for people.
+    /// The answer as readable text, or what was wrong with it.
     pub answered: String,
     /// It is the answer that was asked for.
     pub is_good: bool,
@@ -106,10 +107,6 @@ fn node(node: &NodeReading) -> String {
         Ok(value) => listed(value.registers()).trim_start().to_owned(),
         Err(reason) => reason.to_string(),
     }
-}
-
-fn counted(count: usize, what: &str) -> String {
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 fn listed(values: &[impl fmt::Display]) -> String {

@@ -19,6 +19,7 @@ use crate::observe::events::Event;
 use isotherm_core::codec::Frame;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
+use isotherm_profile::duration_text;
 use isotherm_profile::{BusId, DeviceId};
 
 /// How often an interface that is missing or down is looked at. The wall's time: it is a real one.
@@ -300,7 +301,7 @@ impl CanListener {
                 Reaction::Send(frame) => self.queue(frame),
                 Reaction::Node(device, event) => self.happened(device, event),
                 Reaction::Silent(device, patience, was_heard) => {
-                    let patience = humantime::format_duration(patience);
+                    let patience = duration_text(patience);
                     let what = if was_heard { "nothing comes any more" } else { "nothing has come" };
                     self.lost(device, format!("{what}, for {patience}"));
                 }
@@ -343,9 +344,8 @@ impl CanListener {
         self.condemn(device, Reason::Timeout);
         let mut core = self.shared.core();
         let Core { contact, commissioning, events, .. } = &mut *core;
-        if contact.is_silent(device, what, events) {
-            commissioning.forget(device);
-        }
+        contact.is_silent(device, what, events);
+        commissioning.forget(device);
     }
 
     /// A node came up: it is set up and looked at as at the beginning. What it said before its reset is not believed any

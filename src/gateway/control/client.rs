@@ -11,6 +11,7 @@ use super::{LONGEST_TRACE, SLACK, STATUS, user};
 use crate::clock::Passing;
 use crate::observe::asker::PATIENCE;
 use crate::observe::status::{Answer, Command};
+use isotherm_core::compensation::MeasuredReport;
 
 /// How much longer than what he has asked for may be carried out an asker waits: an answer is under way, too.
 const UNDER_WAY: Duration = Duration::from_millis(250);
@@ -125,13 +126,18 @@ pub fn restart_is_wrong(path: &Path, profile: Option<&Path>) -> Result<String, F
     Ok(ask(path, &format!("restart wrong{which}"), PATIENCE)?.0.text().to_owned())
 }
 
-/// Sends an axis's measured error, µm; `None` takes back what such errors have taught.
+/// Sends an axis's measured error; `None` takes back what such errors have taught.
 ///
 /// # Errors
 /// No gateway runs there, it refuses, or it does not answer.
-pub fn send_measured(path: &Path, axis: &str, error_um: Option<f64>) -> Result<Answer, Failure> {
-    let error = error_um.map_or_else(|| "clear".to_owned(), |error| error.to_string());
-    Ok(ask(path, &format!("measured {axis} {error}"), PATIENCE)?.0)
+pub fn send_measured(path: &Path, axis: &str, report: Option<&MeasuredReport>) -> Result<Answer, Failure> {
+    let Some(MeasuredReport { error_um, time, id, .. }) = report else {
+        return Ok(ask(path, &format!("measured {axis} clear"), PATIENCE)?.0);
+    };
+    let mut line = format!("measured {axis} {error_um}");
+    line.extend(time.map(|time| format!(" time={time}")));
+    line.extend(id.as_ref().map(|id| format!(" id={id}")));
+    Ok(ask(path, &line, PATIENCE)?.0)
 }
 
 /// The state of the running gateway, as JSON.

@@ -10,7 +10,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
 
 #[derive(Default)]
-struct Fake(Mutex<Vec<Command>>, Mutex<Vec<(String, Option<f64>)>>, Mutex<Vec<String>>);
+struct Fake(Mutex<Vec<Command>>, Mutex<Vec<String>>);
 
 impl Source for Fake {
     fn status(&self) -> Status {
@@ -18,7 +18,7 @@ impl Source for Fake {
     }
 
     fn command(&self, command: Command, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String> {
-        self.2.lock().unwrap().push(format!("{asker:?}"));
+        self.1.lock().unwrap().push(format!("{asker:?}"));
         if let Some(why) = asker.has_lapsed() {
             return Err(why);
         }
@@ -57,9 +57,8 @@ impl Source for Fake {
         Ok(())
     }
 
-    fn measured(&self, axis: &str, error_um: Option<f64>, _: &Asker) -> Result<Answer, String> {
-        self.1.lock().unwrap().push((axis.to_owned(), error_um));
-        Ok(Answer::Done(format!("{axis}: {error_um:?}")))
+    fn measured(&self, axis: &str, report: Option<MeasuredReport>, _: &Asker) -> Result<Answer, String> {
+        Ok(Answer::Done(format!("{axis}: {report:?}")))
     }
 }
 
@@ -113,9 +112,12 @@ async fn a_measured_error_arrives_with_every_digit() {
     let directory = tempfile::tempdir().unwrap();
     let path = path(directory.path(), "m");
     let socket = path.clone();
-    let said = [Some(-0.1 - 0.2), Some(1e-9), None];
-    let (answers, _) = beside(&path, move || said.map(|error| send_measured(&socket, "z", error))).await;
-    assert_eq!(answers, said.map(|error| Ok(Answer::Done(format!("z: {error:?}")))));
+    let named = MeasuredReport::new(3.0, Some("2026-01-31T12:00:00.123456789Z"), Some("id=1:a")).unwrap();
+    let said = [Some((-0.1_f64 - 0.2).into()), Some(1e-9.into()), Some(named), None];
+    let sent = said.clone();
+    let send = move || sent.map(|report| send_measured(&socket, "z", report.as_ref()));
+    let (answers, _) = beside(&path, send).await;
+    assert_eq!(answers, said.map(|report| Ok(Answer::Done(format!("z: {report:?}")))));
     for line in [
         "measured",
         "measured z",
@@ -127,6 +129,8 @@ async fn a_measured_error_arrives_with_every_digit() {
         "arm until=-1",
         "disarm stay",
         "measured z 1 axis=z",
+        "measured z clear id=a",
+        "arm time=2026-01-31T12:00:00Z",
     ] {
         assert_eq!(Line::parse(line), None, "{line}");
     }

@@ -11,6 +11,7 @@ use super::LineTurn;
 use super::cells::{self, Cells};
 use super::interlock::Interlock;
 use super::order::Order;
+use super::report;
 use super::trouble::Trouble;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
@@ -20,11 +21,11 @@ use crate::gateway::output::Standing;
 use crate::gateway::storage::Steady;
 use crate::gateway::units::{cz_factor, registers_in_text};
 use crate::observe::events::Event;
-use isotherm_core::codec::Encoded;
+use isotherm_core::codec::{ControlView, Encoded};
 use isotherm_core::compensation::AxisState;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::SignalId;
-use isotherm_profile::{Arm, Output, OutputId, Shown, Stretch};
+use isotherm_profile::{Arm, Output, OutputId, Profile, Shown, Stretch};
 
 /// How often dashes are written again.
 const DASHES_AGAIN: Duration = Duration::from_secs(10);
@@ -43,13 +44,16 @@ pub(in crate::gateway) struct Position {
     trouble: Option<Trouble>,
     is_saturated: bool,
     interlock: Interlock,
+    /// How its control reads what is written.
+    control: Option<ControlView>,
 }
 
 impl Position {
-    pub(in crate::gateway) fn new(id: OutputId, position: SignalId) -> Position {
+    pub(in crate::gateway) fn new(profile: &Profile, id: OutputId, position: SignalId) -> Position {
         Position {
             id,
             position,
+            control: profile.control_view(profile.output(id)),
             corrected: Moment::default(),
             inside: None,
             sent: None,
@@ -102,6 +106,11 @@ impl Position {
         let cz = self.share(shared, output, order);
         let factor = cz_factor(&shared.profile, output);
         let target = self.encode(shared, output, position + cz.get() * factor / 1000.0);
+        if let Some(control) = &self.control
+            && let Err(why) = control.admit(target.registers(), cz, position, Micron::ZERO)
+        {
+            return report::not_sent(shared, self.id, why);
+        }
         let asked = turn.line.looked();
         match write(turn, output, &target, order.not_after).await {
             Ok(found) if found.is_none_or(|found| found.registers() == target.registers()) => {}

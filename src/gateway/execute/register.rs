@@ -16,6 +16,7 @@ use crate::gateway::storage::Stepped;
 use crate::gateway::units::Units;
 use crate::observe::asker::Way;
 use crate::observe::events::Event;
+use isotherm_core::codec::Encoded;
 use isotherm_core::output::{
     self, Action, Copies, Fact, Rules, Settings, Standing, State, Verify, Who, step,
 };
@@ -46,9 +47,9 @@ pub(super) struct Register {
     is_saturated: bool,
     /// What stood there when its axis began to hold something else.
     held_at: Option<Counts>,
-    /// A person was access what is whose.
+    /// The operator was asked how the register value divides into operator offset and gateway share.
     has_asked: bool,
-    /// It is to be reported whose part is what, as soon as that is on disk.
+    /// The gateway reports the division of the register value as soon as that is on disk.
     opens: bool,
     /// What was decided in this turn is to change the register.
     pub(super) is_to_be_changed: bool,
@@ -226,8 +227,8 @@ impl Register {
         }
     }
 
-    /// Takes a fact in: what is to be done next, unless something is to be done already. What is known afterwards outlives
-    /// this task, and what was taken and access for is logged.
+    /// Passes a fact to the output step and keeps the action that it returns, unless one is already open. The new state
+    /// outlives this task. The log gets the fact and the action.
     pub(super) fn step(&mut self, shared: &LineHandle, fact: Fact, now: Moment) {
         let was_open = self.is_open();
         let before = self.is_logged.then_some(self.state);
@@ -275,7 +276,7 @@ impl Register {
         }
     }
 
-    /// Whose part of a shared register is what is known and believed.
+    /// Whether operator offset and gateway share of a shared register are known without a doubt.
     fn is_open(&self) -> bool {
         self.state.shown(&self.settings).account.is_some_and(|account| account.doubt.is_none())
     }
@@ -295,8 +296,8 @@ impl Register {
         self.heard.is_armed && !self.interlock.is_held
     }
 
-    /// It learns what a read of all of its set shows: not behind an interlock, where nothing is believed, and not while
-    /// something else that it access for is open.
+    /// Whether a read of the whole set may go to the output step. An open interlock rejects every value, and another
+    /// action of the step may still be open.
     pub(super) fn may_hear_a_read(&self) -> bool {
         match self.action {
             Action::Read => true,
@@ -324,6 +325,14 @@ impl Register {
         self.state.shown(&self.settings).verified.map_or(self.settings.bias, |seen| seen.value)
     }
 
+    /// The registers that hold this value. `None` if the control would read something else, or more than the limit: its
+    /// axis is off then, until a person arms it.
+    pub(super) fn admitted(&self, shared: &LineHandle, value: Counts) -> Option<Encoded> {
+        let base = self.state.shown(&self.settings).account.map(|account| account.base);
+        let encoded = self.units.admitted(value, base, self.stands());
+        encoded.map_err(|why| report::not_sent(shared, self.id, why)).ok()
+    }
+
     /// An exchange has come to its end with this.
     pub(super) fn comes_of(&mut self, turn: &LineTurn<'_>, fact: Fact) {
         let (shared, now) = (turn.shared, turn.line.looked());
@@ -347,7 +356,10 @@ impl Register {
         let state = &mut core.outputs[self.id.0];
         (state.failures, state.cause) = (state.failures + 1, Some(fault));
         let output = || shared.profile.output(self.id).name.clone();
-        core.events.extend(reported.map(|fault| Event::WriteFailed { output: output(), fault }));
+        core.events.extend(reported.map(|fault| match access {
+            Access::Read => Event::ReadFailed { output: output(), fault },
+            Access::Write => Event::WriteFailed { output: output(), fault },
+        }));
     }
 
     /// What an exchange that has come to its end says of the trouble before it.
@@ -509,7 +521,7 @@ impl Register {
         if kept == Kept::Yes {
             self.goes_on_from_there |= self.troubles.now == Some(Trouble::Disk);
             self.troubles.now = self.troubles.now.filter(|trouble| *trouble != Trouble::Disk);
-            // Whose part is what, now that it is on disk.
+            // The ledger is on disk: the division may be reported.
             if let Some(account) = self.state.shown(&self.settings).account
                 && std::mem::take(&mut self.opens)
             {
@@ -555,6 +567,6 @@ fn taken_up(mut state: State, settings: &Settings, now: Moment) -> State {
     for fact in ends {
         let _ = step(&mut state, settings, fact, now);
     }
-    debug_assert!(!state.is_asking(), "whatever it access for has come to its end");
+    debug_assert!(!state.is_asking(), "every open action has ended");
     state
 }

@@ -3,11 +3,13 @@
 use super::order::Order;
 use super::register::Register;
 use crate::clock::Clock;
+use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::{OutputState, Standing};
 use crate::observe::events::Event;
+use isotherm_core::codec::Inadmissible;
 use isotherm_core::output::{self, Account, State};
 use isotherm_core::quantity::{Counts, Micron};
-use isotherm_profile::Output;
+use isotherm_profile::{Output, OutputId};
 
 /// What the step has found out, for people; `None` where they hear of it otherwise.
 pub(super) fn event(
@@ -67,7 +69,19 @@ pub(super) fn why_foreign(register: &Register, output: &Output, expected: Counts
     }
 }
 
-/// Whose part is what.
+/// Switches the axis of this output off, because what was to be sent must not be.
+pub(super) fn not_sent(shared: &LineHandle, id: OutputId, why: Inadmissible) {
+    let output = shared.profile.output(id);
+    let axis = &shared.profile.axis(output.axis).settings.name;
+    let (name, at) = (&output.name, &output.address);
+    let why = format!(
+        "nothing is sent to output {name} ({at}): {why}; compare scale, bias and type of the output, and limit and diameter of axis \
+         {axis}, with the control and with the profile"
+    );
+    shared.core().disarm(output.axis, &why);
+}
+
+/// Reports operator offset and gateway share of a register.
 pub(super) fn opened(register: &Register, output: &str, account: Account) -> Event {
     let share = share_in_text(register, account.share);
     Event::LedgerOpened { output: output.to_owned(), base: register.units.in_text(account.base), share }

@@ -379,7 +379,7 @@ impl Set {
                 Action::Write { value, not_after, is_repeat: false } => {
                     last = last.min(not_after);
                     register.is_to_be_changed = false;
-                    Encoded::of(register.units.registers(value).registers())
+                    Encoded::of(register.admitted(shared, value)?.registers())
                 }
                 Action::Write { .. } if is_as_known => stands,
                 _ => return None,

@@ -91,7 +91,7 @@ impl Single {
             self.register.troubles.now = self.register.troubles.now.or(Some(Trouble::Link));
             return Fact::NotSent;
         }
-        let registers = self.register.units.registers(value);
+        let Some(registers) = self.register.admitted(turn.shared, value) else { return Fact::NotSent };
         let functions = turn.shared.profile.device(output.device).functions;
         let request = Request::write(&output.address, registers.registers(), functions);
         let leave = match self.register.settings.verify {

@@ -2,6 +2,7 @@
 
 use crate::fieldbus::error::{Fault, Outcome};
 use isotherm_core::output::{Fact, Verify};
+use isotherm_profile::counted;
 
 /// So many writes in a row that were not answered by a device whose reads are, are reported.
 const DEAF: u64 = 3;
@@ -13,13 +14,13 @@ pub(super) enum Trouble {
     Link,
     /// It did not answer a write, and nothing was written since.
     Unanswered,
-    /// It answered, and did not do what was access.
+    /// The device answered, but the register does not hold what was written.
     Untaken,
     /// What must be on disk is not.
     Disk,
 }
 
-/// What a device was access for.
+/// Kind of request that a device was sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Access {
     Read,
@@ -66,7 +67,7 @@ impl Troubles {
             self.now = Some(trouble);
         }
         is_new.then(|| match is_deaf {
-            true => format!("{}, {} times in a row", in_words(), self.failed_writes),
+            true => format!("{}, {} in a row", in_words(), counted(self.failed_writes, "time")),
             false => in_words(),
         })
     }

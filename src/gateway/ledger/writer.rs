@@ -16,9 +16,9 @@ use crate::clock::{Clock, Patience};
 use crate::fieldbus::explain::system;
 use crate::observe::events::{Event, Journal};
 
-/// Where it cannot be kept.
-const OTHERWISE: &str = "a register that is shared or cannot be read is not written, and after the next start no \
-                         register is before nothing from before can arrive";
+/// The consequence of a ledger that is not on disk.
+const OTHERWISE: &str = "a register that is shared or cannot be read is not written; after the next start the gateway \
+                         writes no register until no earlier write can still arrive";
 
 /// What became of a version that was to be put on disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use super::stamps::SourceStamps;
 use super::{Captures, Overruns};
-use crate::fieldbus::departure::Leave;
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::Request;
 use crate::gateway::line_handle::LineHandle;
@@ -31,6 +30,8 @@ pub(super) struct Poll {
     pub(super) reads_position: bool,
     /// It was read to its end, or could not be.
     pub(super) has_been_read: bool,
+    /// An answer was discarded because the device had not passed its checks.
+    is_discarded: bool,
     /// When its last round began, and how old that may become.
     read_at: Moment,
     max_age: Duration,
@@ -49,6 +50,7 @@ pub(super) fn polls(profile: &Profile, bus: BusId, corrected: &[DeviceId], start
         repeats: 0,
         reads_position: corrected.contains(&id),
         has_been_read: false,
+        is_discarded: false,
         read_at: start,
         max_age: profile.signals_of(id).map(|(_, signal)| signal.max_age).min().unwrap_or(Duration::MAX),
         captures: Captures::new(profile.signals_of(id).filter_map(|(_, signal)| signal.capture)),
@@ -98,6 +100,14 @@ impl Poll {
         (self.next, self.under_way, self.again) = (now, None, None);
     }
 
+    /// Makes the device due at once if an answer was discarded and the checks have passed since.
+    pub(super) fn make_up(&mut self, shared: &LineHandle, now: Moment) {
+        if self.is_discarded && shared.core().commissioning.is_fit(self.device) {
+            self.is_discarded = false;
+            self.begin_anew(now);
+        }
+    }
+
     /// One request, and what it brings. The commands that must come before go with the first. Whether it was the last of
     /// its round.
     pub(super) async fn read(
@@ -121,7 +131,7 @@ impl Poll {
             self.captures.send(line, shared, self.device).await;
         }
         let request = &self.requests[place];
-        let answer = line.request(self.device, Request::from(&request.asks), Leave::Whenever).await;
+        let answer = line.request_unverified(self.device, Request::from(&request.asks)).await;
         let is_missed = answer.as_ref().is_err_and(|fault| fault.spoils_connection());
         let again = line.again_at(self.device).filter(|again| is_missed && *again < self.next);
         self.again = again.filter(|_| self.repeats < REPEATS);
@@ -131,6 +141,12 @@ impl Poll {
         self.under_way = (!is_last).then_some((due, next));
         let mut core = shared.core();
         let is_fit = core.commissioning.is_fit(self.device);
+        if answer.is_ok() && core.commissioning.is_unknown(self.device) {
+            // Before the checks, nothing is known of the reading, not even that it is wrong.
+            self.is_discarded = true;
+            self.has_been_read |= is_last;
+            return is_last;
+        }
         let stamped = SourceStamps::of(shared.profile.device(self.device));
         for field in &request.fields {
             let signal = shared.profile.signal(field.signal);

@@ -172,5 +172,6 @@ fn output(writes: isotherm_profile::Writes) -> Output {
         share: Share::Whole,
         applied: None,
         display: isotherm_profile::Display::default(),
+        stated: None,
     }
 }

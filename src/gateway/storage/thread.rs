@@ -23,6 +23,7 @@ use crate::gateway::log::outputs::{ENDING, HEADER};
 use crate::gateway::sealed::SealedFile;
 use crate::observe::events::{Event, Journal};
 use isotherm_core::quantity::{Moment, Shifted, time};
+use isotherm_profile::duration_text;
 use isotherm_profile::{Profile, regular};
 
 /// How often it is looked for logs that need not be kept.
@@ -234,7 +235,7 @@ impl StorageThread {
         let set = breaks(&self.directory, &logs);
         let found = superfluous(&logs, self.keep, day(at.shifted(stamped.shift)), &set);
         let why = [
-            (found.too_old, format!("older than {}", humantime::format_duration(self.keep.span))),
+            (found.too_old, format!("older than {}", duration_text(self.keep.span))),
             (found.too_large, format!("all logs together are larger than {} MB", self.keep.size / 1_000_000)),
         ];
         for (names, why) in why {

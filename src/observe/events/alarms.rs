@@ -123,10 +123,10 @@ impl Event {
             Event::StandIn(StandIn::Over { axis, signal, .. }) => {
                 ends(&[("sensor of axis", &format!("{axis}: {signal}"))])
             }
-            Event::VerifyFailed { output, .. } | Event::WriteFailed { output, .. } => {
-                raises("output", output)
-            }
-            Event::NotApplied { output, .. } => raises("output", output),
+            Event::VerifyFailed { output, .. }
+            | Event::WriteFailed { output, .. }
+            | Event::ReadFailed { output, .. }
+            | Event::NotApplied { output, .. } => raises("output", output),
             Event::HeartbeatFailed { device, .. } => raises("heartbeat at", device),
             Event::HeartbeatWritten { device, .. } => ends(&[("heartbeat at", device)]),
             Event::ForeignChange { output, .. } => raises("foreign write to", output),

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::{Described, info, warning};
+use isotherm_profile::counted;
 
 /// Whether it arrives.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -47,13 +48,15 @@ impl Broker {
                     "nothing is published to {broker}: {why}; it is tried again, and the machine is held without it"
                 ),
             ),
-            Broker::Up { broker, attempts } => {
-                info("broker-up", format!("{broker}: connected after {attempts} attempts in vain"))
-            }
+            Broker::Up { broker, attempts } => info(
+                "broker-up",
+                format!("{broker}: connected after {} in vain", counted(attempts, "attempt")),
+            ),
             Broker::Dropped { broker, count } => warning(
                 "broker-dropped",
                 format!(
-                    "{count} messages to {broker} found no room and never arrive; `isotherm events` has what happened"
+                    "{} to {broker} found no room and will not arrive; `isotherm events` has what happened",
+                    counted(count, "message")
                 ),
             ),
             Broker::NotKept { broker, why } => {

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::{Described, info, warning};
+use isotherm_profile::counted;
 
 /// Whether messages arrive.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -49,12 +50,16 @@ impl Delivery {
             ),
             Delivery::Back { notify, to, attempts } => info(
                 "notify-back",
-                format!("{notify}: messages to {to} arrive again after {attempts} attempts in vain"),
+                format!(
+                    "{notify}: messages to {to} arrive again after {} in vain",
+                    counted(attempts, "attempt")
+                ),
             ),
             Delivery::Dropped { notify, to, count } => warning(
                 "notify-dropped",
                 format!(
-                    "{notify}: {count} messages to {to} were dropped and never arrive; `isotherm events` has what they were about"
+                    "{notify}: dropped {} to {to}, which will not arrive; `isotherm events` has what happened",
+                    counted(count, "message")
                 ),
             ),
         }

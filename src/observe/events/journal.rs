@@ -231,7 +231,7 @@ mod tests {
         (0..10).for_each(|_| journal.kept());
         report(&journal, many + 1);
         let left = texts(&journal);
-        assert_eq!(left[left.len() - 2], "6 events were lost, because the disk did not keep them in time");
+        assert_eq!(left[left.len() - 2], "the disk did not keep 6 events in time: what is kept has a gap");
         assert_eq!(left[left.len() - 1], format!("number {} is kept again", many + 1));
     }
 

@@ -6,9 +6,10 @@ use super::{Described, Event, Level, error, info, warning};
 use crate::clock::Correction;
 use crate::observe::status::Moved;
 use isotherm_core::compensation::AxisState;
+use isotherm_profile::{counted, duration_text};
 
-fn seconds(span: &Duration) -> humantime::FormattedDuration {
-    humantime::format_duration(Duration::from_secs(span.as_secs()))
+fn seconds(span: &Duration) -> String {
+    duration_text(Duration::from_secs(span.as_secs()))
 }
 
 /// A few of them by name, the others by their number.
@@ -23,9 +24,10 @@ fn listed(names: &[String]) -> String {
 impl Event {
     pub(super) fn described(&self) -> Described {
         match self {
-            Event::Started { machine, bus_requests } => {
-                info("started", format!("{machine}: the gateway runs, {bus_requests} read requests a round"))
-            }
+            Event::Started { machine, bus_requests } => info(
+                "started",
+                format!("{machine}: the gateway runs, {} a round", counted(bus_requests, "read request")),
+            ),
             Event::Stopping { holds, within } => {
                 let does = if *holds { "the registers keep what they hold" } else { "the fault actions run" };
                 info("stopping", format!("stopping: {does}, at most {}", seconds(within)))
@@ -34,15 +36,19 @@ impl Event {
             Event::LinkDown { bus, address, fault } => {
                 warning("link-down", format!("bus {bus} ({address}): {fault}"))
             }
-            Event::LinkUp { bus, address, attempts } => {
-                info("link-up", format!("bus {bus} ({address}): connected after {attempts} attempts"))
-            }
+            Event::LinkUp { bus, address, attempts } => info(
+                "link-up",
+                format!("bus {bus} ({address}): connected after {}", counted(attempts, "attempt")),
+            ),
             Event::DeviceLost { device, at, fault } => {
                 warning("device-lost", format!("device {device}{at}: {fault}"))
             }
             Event::DeviceBack { device, at, missed } => info(
                 "device-back",
-                format!("device {device}{at}: is there again, {missed} failures since it was lost"),
+                format!(
+                    "device {device}{at}: is there again, {} since it was lost",
+                    counted(missed, "failure")
+                ),
             ),
             Event::NotAsExpected { device, found } => {
                 error("not-as-expected", format!("device {device}: {found}"))
@@ -165,6 +171,9 @@ impl Event {
             Event::WriteFailed { output, fault } => {
                 warning("write-failed", format!("output {output}: not written: {fault}"))
             }
+            Event::ReadFailed { output, fault } => {
+                warning("read-failed", format!("output {output}: its register cannot be read: {fault}"))
+            }
             Event::HeartbeatFailed { device, place, fault } => {
                 warning("heartbeat-failed", format!("heartbeat ({place} of {device}): not written: {fault}"))
             }
@@ -173,7 +182,7 @@ impl Event {
             }
             Event::Verified { output, failures } => info(
                 "verified",
-                format!("output {output}: written and verified again after {failures} failures"),
+                format!("output {output}: written and verified again after {}", counted(failures, "failure")),
             ),
             Event::ForeignChange { output, expected, found } => error(
                 "foreign-change",
@@ -246,7 +255,7 @@ impl Event {
             }
             Event::EmergencyOver { device, count } => info(
                 "emergency-over",
-                format!("device {device}: its emergencies are over, {count} messages came"),
+                format!("device {device}: its emergencies are over, {} came", counted(count, "message")),
             ),
             Event::BusTrouble { bus, address, what } => {
                 warning("bus-trouble", format!("bus {bus} ({address}): {what}"))
@@ -304,17 +313,28 @@ impl Event {
             Event::LogsDeleted { names, why } => {
                 info("logs-deleted", format!("deleted {}: {why}", listed(names)))
             }
+            Event::NotExclusive { why } => warning(
+                "not-exclusive",
+                format!(
+                    "other gateways of this computer cannot be seen: {why}; one that writes to the same registers would not be \
+                     refused"
+                ),
+            ),
             Event::NotKept { what, why } => warning("not-kept", format!("{what} cannot be kept: {why}")),
             Event::NotBelieved { why } => {
                 error("not-believed", format!("{why}; every axis is off until a person arms it"))
             }
+            Event::HandoverRefused { why } => warning(
+                "handover-refused",
+                format!("{why}; every axis starts as after a stop: arm those that are off"),
+            ),
             Event::TakenFromEarlier { what, version, kept } => warning(
                 "taken-from-earlier",
                 format!("the {what} of an earlier version of the program (layout {version}) is used; {kept}"),
             ),
             Event::EventsLost { count } => warning(
                 "events-lost",
-                format!("{count} events were lost, because the disk did not keep them in time"),
+                format!("the disk did not keep {} in time: what is kept has a gap", counted(count, "event")),
             ),
             Event::EventsFull { bytes } => warning(
                 "events-full",
@@ -332,5 +352,44 @@ impl Event {
             #[cfg(feature = "opcua")]
             Event::Certificate(expiry) => expiry.described(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::observe::events::{Broker, Delivery};
+
+    /// Every event that counts something, which is one.
+    fn of_one() -> Vec<Event> {
+        let text = String::new;
+        vec![
+            Event::Started { machine: text(), bus_requests: 1 },
+            Event::LinkUp { bus: text(), address: text(), attempts: 1 },
+            Event::DeviceBack { device: text(), at: text(), missed: 1 },
+            Event::Verified { output: text(), failures: 1 },
+            Event::EmergencyOver { device: text(), count: 1 },
+            Event::EventsLost { count: 1 },
+            Event::Broker(Broker::Up { broker: text(), attempts: 1 }),
+            Event::Broker(Broker::Dropped { broker: text(), count: 1 }),
+            Event::Delivery(Delivery::Back { notify: text(), to: text(), attempts: 1 }),
+            Event::Delivery(Delivery::Dropped { notify: text(), to: text(), count: 1 }),
+        ]
+    }
+
+    #[test]
+    fn one_of_something_has_no_plural() {
+        for event in of_one() {
+            let (kind, _, text) = event.described();
+            let (_, after) = text.split_once("1 ").unwrap_or_else(|| panic!("{kind}: {text}"));
+            let noun = after.split([' ', ';', ':', ',']).find(|word| !matches!(*word, "read" | "wrong"));
+            assert!(noun.is_some_and(|noun| !noun.ends_with('s')), "{kind}: {text}");
+        }
+    }
+
+    #[test]
+    fn days_stand_apart_from_their_number() {
+        let event = Event::SignalGood { signal: "bed".into(), bad_for: Duration::from_secs(9 * 86_400 + 60) };
+        assert_eq!(event.described().2, "signal bed: good again after 9 days 1m");
     }
 }

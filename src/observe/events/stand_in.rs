@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::data::in_seconds;
 use super::{Described, info, warning};
+use isotherm_profile::{counted, duration_text};
 
 /// What becomes of a sensor of an axis's model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -38,7 +39,7 @@ pub enum StandIn {
 
 /// `1 other`, `5 others`.
 pub(crate) fn others(count: usize) -> String {
-    format!("{count} other{}", if count == 1 { "" } else { "s" })
+    counted(count, "other")
 }
 
 impl StandIn {
@@ -46,7 +47,7 @@ impl StandIn {
         match self {
             StandIn::Taken { axis, signal, frozen, span, others: count } => {
                 let (kind, is) = if *frozen { ("frozen", "frozen") } else { ("stood-in", "lost") };
-                let span = humantime::format_duration(Duration::from_secs(span.as_secs()));
+                let span = duration_text(Duration::from_secs(span.as_secs()));
                 let taken = match count {
                     Some(count) => format!("taken from {}", others(*count)),
                     None => "and used for nothing: nobody stands in for it".to_owned(),

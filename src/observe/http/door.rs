@@ -19,6 +19,7 @@ use super::connection::{self, Line};
 use super::crowd::{Crowd, Limits};
 use super::ended;
 use crate::clock::Passing;
+use isotherm_profile::counted;
 
 /// What TLS shows now: its certificate may be renewed while the page is served.
 pub type Shown = watch::Receiver<Arc<ServerConfig>>;
@@ -138,9 +139,9 @@ impl TurnedAway {
         self.count += 1;
         let now = Passing::default().passed();
         if self.said.is_none_or(|said| now >= said + EVERY) {
-            let count = self.count;
+            let count = counted(self.count, "connection");
             tracing::warn!(
-                "the page closed {count} connections at once: it has {connections}, and so many of one address, and no more"
+                "the page closed {count} at once: it has {connections}, and so many of one address, and no more"
             );
             (self.count, self.said) = (0, Some(now));
         }

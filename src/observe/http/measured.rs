@@ -1,4 +1,5 @@
-//! `POST /api/axes/z/measured` with `{ "error_um": 3.2 }`: an axis's measured error. `DELETE` takes back what was learned.
+//! `POST /api/axes/z/measured` with `{ "error_um": 3.2 }`: an axis's measured error, with the optional `time` and `id` of its
+//! measurement. `DELETE` takes back what was learned.
 
 use axum::body::Bytes;
 use axum::extract::{ConnectInfo, Path, State};
@@ -9,6 +10,7 @@ use serde::Deserialize;
 use super::peer::Peer;
 use super::{Room, answered};
 use crate::observe::asker::Asker;
+use isotherm_core::compensation::MeasuredReport;
 use isotherm_profile::one_line;
 use isotherm_profile::regular::quoted;
 
@@ -17,6 +19,17 @@ use isotherm_profile::regular::quoted;
 struct Measured {
     /// Actual minus commanded, µm, while the compensation acts.
     error_um: f64,
+    time: Option<String>,
+    id: Option<String>,
+}
+
+impl Measured {
+    /// Reads the body of a request.
+    fn read(body: &[u8]) -> Result<MeasuredReport, String> {
+        let Measured { error_um, time, id } =
+            serde_json::from_slice(body).map_err(|error| error.to_string())?;
+        MeasuredReport::new(error_um, time.as_deref(), id.as_deref())
+    }
 }
 
 pub(super) async fn learn(
@@ -26,10 +39,9 @@ pub(super) async fn learn(
     headers: HeaderMap,
     body: Bytes,
 ) -> Response {
-    match serde_json::from_slice::<Measured>(&body) {
-        Ok(measured) => answer(&room, &axis, Some(measured.error_um), &room.asker(&peer, &headers)),
-        Err(error) => {
-            let why = error.to_string();
+    match Measured::read(&body) {
+        Ok(report) => answer(&room, &axis, Some(report), &room.asker(&peer, &headers)),
+        Err(why) => {
             let text = format!(
                 "Send {{ \"error_um\": 3.2 }}, a number in µm, actual minus commanded ({}).\n",
                 one_line(&why)
@@ -48,12 +60,12 @@ pub(super) async fn forget(
     answer(&room, &axis, None, &room.asker(&peer, &headers))
 }
 
-fn answer(room: &Room, axis: &str, error_um: Option<f64>, asker: &Asker) -> Response {
+fn answer(room: &Room, axis: &str, report: Option<MeasuredReport>, asker: &Asker) -> Response {
     let axes = room.source.status().axes;
     if !axes.iter().any(|known| known.name == axis) {
         let names: Vec<&str> = axes.iter().map(|axis| axis.name.as_str()).collect();
         let text = format!("There is no axis {}; there are {}.\n", one_line(&quoted(axis)), names.join(", "));
         return (StatusCode::NOT_FOUND, text).into_response();
     }
-    answered(room, room.source.measured(axis, error_um, asker))
+    answered(room, room.source.measured(axis, report, asker))
 }

@@ -55,6 +55,8 @@ pub(super) struct Arrived {
     pub(super) payload: Vec<u8>,
     /// The broker has kept it: it is of some earlier day.
     pub(super) retained: bool,
+    /// The broker has delivered it before, and does not know whether it arrived (DUP).
+    pub(super) redelivered: bool,
 }
 
 /// Why there is no connection.

@@ -212,6 +212,7 @@ async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, says: mpsc::Sender
                     topic: String::from_utf8_lossy(&arrived.topic).into_owned(),
                     payload: arrived.payload.to_vec(),
                     retained: arrived.retain,
+                    redelivered: arrived.dup,
                 };
                 // Of a flood the rest is lost.
                 let _ = says.try_send(Heard::Arrived(arrived));

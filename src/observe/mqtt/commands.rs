@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use crate::observe::asker::{Asker, Way};
 use crate::observe::status::Source;
+use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::Moment;
 use isotherm_plant::{Command, Outcome};
 
@@ -27,10 +28,10 @@ impl Commands {
         Commands { broker: broker.to_owned(), last: None, reported: None, unreported: 0 }
     }
 
-    /// Does what is asked for, or reports why not.
-    pub(super) fn take(&mut self, now: Moment, outcome: Outcome, source: &dyn Source) {
+    /// Does what is asked for, or reports why not. `redelivered`: the broker says that it delivers the message again.
+    pub(super) fn take(&mut self, now: Moment, outcome: Outcome, redelivered: bool, source: &dyn Source) {
         match outcome {
-            Outcome::Asked(Command::Measured { axis, error_um }) => {
+            Outcome::Asked(Command::Measured { axis, report }) => {
                 if self.last.is_some_and(|last| now.since(last) < PAUSE) {
                     self.refuse(now, "measured", "the one before it came less than a second ago", source);
                     return;
@@ -38,7 +39,7 @@ impl Commands {
                 self.last = Some(now);
                 let asker = Asker::new(Way::Broker, self.broker.clone());
                 // What comes of it is an event either way.
-                let _ = source.measured(&axis, Some(error_um), &asker);
+                let _ = source.measured(&axis, Some(MeasuredReport { redelivered, ..report }), &asker);
             }
             Outcome::Refused { command, why } => self.refuse(now, &command, &why, source),
         }

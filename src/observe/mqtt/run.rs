@@ -250,11 +250,11 @@ impl Runner {
         if now.since(self.seen.0) >= commands::PAUSE {
             self.look();
         }
-        let Arrived { topic, payload, .. } = arrived;
+        let Arrived { topic, payload, redelivered, .. } = arrived;
         let reaction = self.publisher.received(now, &self.seen.1, &topic, &payload);
         self.outbox.extend(reaction.messages.into_iter().map(|message| (now, message)));
         if let Some(outcome) = reaction.outcome {
-            self.commands.take(now, outcome, self.source.as_ref());
+            self.commands.take(now, outcome, redelivered, self.source.as_ref());
         }
     }
 

@@ -14,7 +14,8 @@ use isotherm_profile::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, Notify, UNVERIFIED};
 /// So many wait. What is newest tells most of what is to be done now: of more the oldest go.
 const MOST: usize = 100;
 /// What "unverified" means.
-const OF_UNVERIFIED: [&str; 4] = ["verify-failed", "write-failed", "not-applied", "not-read-back"];
+const OF_UNVERIFIED: [&str; 5] =
+    ["verify-failed", "write-failed", "read-failed", "not-applied", "not-read-back"];
 /// What "clock" means.
 const OF_THE_CLOCK: [&str; 2] = ["clock-set", "clock-doubtful"];
 

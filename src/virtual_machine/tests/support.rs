@@ -221,5 +221,6 @@ pub(super) fn output(name: &str, device: usize, register: &str, scale: f64, writ
         share: Share::Whole,
         applied: None,
         display: isotherm_profile::Display::default(),
+        stated: None,
     }
 }

@@ -3,13 +3,15 @@
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::fieldbus::departure::Leave;
 use isotherm::fieldbus::dial;
 use isotherm::fieldbus::error::Fault;
-use isotherm::fieldbus::line::{Answered, DeviceLine};
+use isotherm::fieldbus::line::{Answered, DeviceLine, Witness};
 use isotherm::fieldbus::opcua_fault::OpcUaFault;
 use isotherm::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::DataType;
@@ -160,14 +162,33 @@ pub(crate) fn profile(text: &str, directory: &Path) -> Profile {
 pub(crate) struct Line {
     pub(crate) profile: Profile,
     line: DeviceLine,
+    exchanges: Arc<Exchanges>,
+}
+
+/// Counts how often another server can have taken the place of the one before.
+#[derive(Default)]
+struct Exchanges(AtomicU32);
+
+impl Witness for Exchanges {
+    fn note(&self, _: DeviceId, _: Request<'_>, _: Result<(), Fault>, _: (u32, Fault)) {}
+
+    fn may_be_exchanged(&self, _: Option<DeviceId>) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
 }
 
 impl Line {
     pub(crate) fn new(profile: Profile) -> Line {
         let bus = &profile.buses[0];
         let devices: Vec<_> = profile.devices.iter().map(|device| (DeviceId(0), device)).collect();
+        let exchanges = Arc::new(Exchanges::default());
         let line = DeviceLine::new(bus, &devices, dial(bus).unwrap(), &Clock::wall());
-        Line { line, profile }
+        Line { line: line.witnessed(exchanges.clone()), profile, exchanges }
+    }
+
+    /// How often another server can have taken its place since this was last asked.
+    pub(crate) fn exchanges(&self) -> u32 {
+        self.exchanges.0.swap(0, Ordering::Relaxed)
     }
 
     /// To a server without security.

@@ -10,9 +10,11 @@ async fn a_server_that_was_killed_and_is_back_is_read_and_written_again() {
     let server = Server::start(&[]);
     let mut line = Line::to(&server);
     assert!(line.signals().await.is_ok());
+    assert_eq!(line.exchanges(), 0, "the first connection follows none");
     let mut server = server.dies(&[]);
     server.does("value bed 31");
     assert_eq!(line.signals().await, Ok([Ok(31.0), Ok(100.0)]));
+    assert!(line.exchanges() > 0, "it does not know the session");
     assert_eq!(line.writes(4).await, Ok(Answer::Done));
     assert_eq!(server.does("read offset"), "4");
 }
@@ -27,6 +29,25 @@ async fn a_write_whose_answer_comes_too_late_is_unknown_and_what_follows_gets_an
     assert_eq!((fault, fault.outcome()), (Fault::Timeout, Outcome::Unknown));
     tokio::time::sleep(2 * SHORTLY).await;
     assert_eq!(line.stands().await, Ok(9));
+    assert_eq!(line.exchanges(), 0, "the server knows the session");
+}
+
+#[tokio::test]
+async fn a_server_that_has_ended_the_session_may_be_another_one() {
+    let mut server = Server::start(&[]);
+    let mut line = Line::to(&server);
+    assert!(line.signals().await.is_ok());
+    server.does("drop");
+    let mut answered = line.signals().await;
+    for _ in 0..5 {
+        if answered.is_ok() {
+            break;
+        }
+        tokio::time::sleep(SHORTLY).await;
+        answered = line.signals().await;
+    }
+    assert!(answered.is_ok(), "{answered:?}");
+    assert!(line.exchanges() > 0);
 }
 
 #[tokio::test]

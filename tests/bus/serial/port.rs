@@ -5,16 +5,18 @@ use std::io;
 use std::os::fd::OwnedFd;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::fieldbus::departure::Leave;
 use isotherm::fieldbus::dial;
 use isotherm::fieldbus::error::Fault;
-use isotherm::fieldbus::line::DeviceLine;
+use isotherm::fieldbus::line::{DeviceLine, Witness};
 use isotherm::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::{Register, Table, checksum};
 use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Parity, Quirks, ReadBy, Serial, Transport};
+use rustix::event::{PollFd, PollFlags, Timespec};
 use rustix::fs::OFlags;
 use rustix::io::Errno;
 use rustix::pty::OpenptFlags;
@@ -49,6 +51,22 @@ impl Plug {
     pub(crate) fn say(&self, bytes: &[u8]) {
         // Where nobody has the port open the bytes go nowhere.
         let _ = rustix::io::write(&self.end, bytes);
+    }
+
+    /// Everything that was said before is in the port's buffer when this returns: whoever polls its other end has the kernel
+    /// put it there first. That end must be there.
+    pub(crate) fn hand_over(&self) {
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
+        let Ok(end) = rustix::fs::open(&self.path, flags, rustix::fs::Mode::empty()) else { return };
+        let mut polled = [PollFd::new(&end, PollFlags::IN)];
+        rustix::event::poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).unwrap();
+    }
+
+    /// Whether a program has the port open.
+    pub(crate) fn is_open(&self) -> bool {
+        let mut polled = [PollFd::new(&self.end, PollFlags::IN)];
+        rustix::event::poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).unwrap();
+        !polled[0].revents().contains(PollFlags::HUP)
     }
 
     /// What has come; nothing where nothing has, or nobody has the port open.
@@ -121,6 +139,25 @@ pub(crate) fn bus(transport: Transport, address: &str, timeout: Duration) -> Bus
 
 pub(crate) fn serial(baud: u32) -> Transport {
     Transport::Serial(Serial { baud, parity: Parity::None, stop_bits: 1 })
+}
+
+/// The devices in whose place another one can be, in the order in which that was said.
+#[derive(Clone, Default)]
+pub(crate) struct Exchanges(Arc<Mutex<Vec<Option<DeviceId>>>>);
+
+impl Witness for Exchanges {
+    fn note(&self, _: DeviceId, _: Request<'_>, _: Result<(), Fault>, _: (u32, Fault)) {}
+
+    fn may_be_exchanged(&self, device: Option<DeviceId>) {
+        self.0.lock().unwrap().push(device);
+    }
+}
+
+impl Exchanges {
+    /// What was said since this was last asked.
+    pub(crate) fn said(&self) -> Vec<Option<DeviceId>> {
+        std::mem::take(&mut self.0.lock().unwrap())
+    }
 }
 
 /// A line with units 1 to `count`, as devices in this order.

@@ -29,7 +29,8 @@ pub(crate) struct Peer {
 
 enum End {
     Socket(TcpStream),
-    Port(Receiver, OwnedFd),
+    /// To read from, to write to, and the gateway's end.
+    Port(Receiver, OwnedFd, std::fs::File),
 }
 
 /// Both ends of a pseudo-terminal. The gateway's is kept open, so that the port is there before and after it.
@@ -60,7 +61,8 @@ impl Plug {
     pub(crate) fn peer(self, lane: Arc<Lane>) -> (Peer, std::fs::File) {
         // To the runtime a port is like the end of a pipe.
         let other = self.hardware.try_clone().unwrap();
-        let end = End::Port(Receiver::from_owned_fd_unchecked(other).unwrap(), self.hardware);
+        let receiver = Receiver::from_owned_fd_unchecked(other).unwrap();
+        let end = End::Port(receiver, self.hardware, self.kept.try_clone().unwrap());
         (Peer { end, received: Vec::new(), lane, connection: 0 }, self.kept)
     }
 }
@@ -96,8 +98,10 @@ impl Peer {
     pub(crate) async fn say(&mut self, bytes: &[u8]) -> io::Result<()> {
         match &mut self.end {
             End::Socket(stream) => stream.write_all(bytes).await,
-            End::Port(_, port) => {
+            End::Port(_, port, others) => {
                 let _ = rustix::io::write(port, bytes);
+                // Whoever polls the other end has the kernel hand the bytes on first.
+                let _ = is_readable(others);
                 Ok(())
             }
         }
@@ -127,13 +131,11 @@ impl Peer {
 
     /// Whether a question waits, or the other end has gone: what is said now would come after the question.
     pub(crate) fn is_asked(&self) -> bool {
-        let end = match &self.end {
-            End::Socket(stream) => stream.as_fd(),
-            End::Port(_, port) => port.as_fd(),
-        };
-        let mut polled = [PollFd::from_borrowed_fd(end, PollFlags::IN)];
-        let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
-        !self.received.is_empty() || poll(&mut polled, Some(&at_once)).unwrap() > 0
+        !self.received.is_empty()
+            || match &self.end {
+                End::Socket(stream) => is_readable(stream),
+                End::Port(_, port, _) => is_readable(port),
+            }
     }
 
     /// The right answer.
@@ -147,7 +149,13 @@ impl End {
     async fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         match self {
             End::Socket(stream) => stream.read(bytes).await,
-            End::Port(port, _) => port.read(bytes).await,
+            End::Port(port, ..) => port.read(bytes).await,
         }
     }
+}
+
+/// Whether there is something to read now, or the other end has gone.
+fn is_readable(end: &impl AsFd) -> bool {
+    let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
+    poll(&mut [PollFd::new(end, PollFlags::IN)], Some(&at_once)).unwrap() > 0
 }

@@ -6,7 +6,7 @@ use std::io;
 use std::path::Path;
 use std::pin::Pin;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, Mutex, Once, OnceLock};
 use std::time::{Duration, Instant};
 
 use isotherm::clock::Clock;
@@ -23,9 +23,13 @@ pub(crate) const LANES: usize = 34;
 pub(crate) const TRIES: u32 = 3;
 /// So many cases run beside one another: more would keep good answers from being in time.
 const AT_A_TIME: usize = 21;
-const PATIENCE: Duration = Duration::from_secs(120);
-/// A device that has been wrong for so long may be left alone for half a minute.
-const FORGIVEN: Duration = Duration::from_secs(120);
+/// No case is added while threads run later than this, for the same reason.
+const LATEST: Duration = Duration::from_millis(25);
+/// Turns of a gateway's thread, each 5 ms or more, until its devices must have been tried. A gateway that gets little of the
+/// processor has fewer turns in the same time.
+const PATIENCE: u32 = 20_000;
+/// The same until good devices must be believed. A device that has been wrong for long may be left alone for half a minute.
+const FORGIVEN: u32 = 20_000;
 
 pub(crate) type Life = Arc<dyn Fn(Peer) -> Living + Send + Sync>;
 pub(crate) type Living = Pin<Box<dyn Future<Output = io::Result<()>> + Send>>;
@@ -187,13 +191,14 @@ impl Lane {
 /// Runs them all beside one another; nothing wrong may be believed, and each good device must be at the end.
 pub(crate) fn none_is_believed(cases: Vec<Case>) {
     let begun = Instant::now();
-    let (waiting, verdicts) = (Mutex::new(cases), Mutex::new(Vec::new()));
+    let (waiting, verdicts, running) = (Mutex::new(cases), Mutex::new(Vec::new()), AtomicU32::new(0));
     std::thread::scope(|scope| {
         for _ in 0..AT_A_TIME {
             scope.spawn(|| {
                 loop {
-                    let Some(case) = waiting.lock().unwrap().pop() else { return };
+                    let Some(case) = next(&waiting, &running) else { return };
                     let verdict = case.run();
+                    running.fetch_sub(1, Ordering::SeqCst);
                     verdicts.lock().unwrap().push(verdict);
                 }
             });
@@ -210,6 +215,38 @@ pub(crate) fn none_is_believed(cases: Vec<Case>) {
         .map(|one| format!("{:?}, {}: {} of {} {:?}", one.kind, one.name, one.believed, one.tried, one.wrong))
         .collect();
     assert!(failed.is_empty(), "{} of {} cases:\n{}", failed.len(), verdicts.len(), failed.join("\n"));
+}
+
+/// The next case, as soon as the computer has time for one more; one of them always runs.
+fn next(waiting: &Mutex<Vec<Case>>, running: &AtomicU32) -> Option<Case> {
+    let mut waiting = waiting.lock().unwrap();
+    while !waiting.is_empty() && running.load(Ordering::SeqCst) > 0 && behind() > LATEST {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let case = waiting.pop()?;
+    running.fetch_add(1, Ordering::SeqCst);
+    // What it costs is seen before the next one begins.
+    std::thread::sleep(Duration::from_millis(50));
+    Some(case)
+}
+
+/// How late threads of this process run, as one measures that does nothing else. What was measured fades within a second.
+fn behind() -> Duration {
+    const TICK: Duration = Duration::from_millis(5);
+    static MEASURED: Once = Once::new();
+    static BEHIND_US: AtomicU32 = AtomicU32::new(0);
+    MEASURED.call_once(|| {
+        std::thread::spawn(|| {
+            loop {
+                let begun = Instant::now();
+                std::thread::sleep(TICK);
+                let late = begun.elapsed().saturating_sub(TICK).as_micros();
+                let fading = BEHIND_US.load(Ordering::Relaxed) / 100 * 97;
+                BEHIND_US.store(fading.max(u32::try_from(late).unwrap_or(u32::MAX)), Ordering::Relaxed);
+            }
+        });
+    });
+    Duration::from_micros(BEHIND_US.load(Ordering::Relaxed).into())
 }
 
 impl Case {
@@ -368,7 +405,8 @@ fn beside(
 }
 
 fn watch(source: &dyn Source, lanes: &[Arc<Lane>], wrong: &Mutex<Vec<String>>) {
-    let begun = Instant::now();
+    let turns = |since: u32| lanes[0].turned().wrapping_sub(since);
+    let begun = lanes[0].turned();
     let look = |status: &Status| {
         for lane in lanes {
             let _ = lane.judge(status);
@@ -376,7 +414,7 @@ fn watch(source: &dyn Source, lanes: &[Arc<Lane>], wrong: &Mutex<Vec<String>>) {
         std::thread::sleep(Duration::from_millis(50));
     };
     let is_tried = |lane: &Arc<Lane>| lane.tried.load(Ordering::SeqCst) >= TRIES;
-    while !lanes.iter().all(is_tried) && begun.elapsed() < PATIENCE {
+    while !lanes.iter().all(is_tried) && turns(begun) < PATIENCE {
         look(&source.status());
     }
     // What came last has its time to be believed in.
@@ -390,7 +428,7 @@ fn watch(source: &dyn Source, lanes: &[Arc<Lane>], wrong: &Mutex<Vec<String>>) {
     };
     let since: Vec<(u32, u64)> = lanes.iter().map(since).collect();
     lanes.iter().for_each(|lane| lane.behaves.store(true, Ordering::SeqCst));
-    let begun = Instant::now();
+    let begun = lanes[0].turned();
     loop {
         let status = source.status();
         look(&status);
@@ -399,7 +437,7 @@ fn watch(source: &dyn Source, lanes: &[Arc<Lane>], wrong: &Mutex<Vec<String>>) {
         if left.is_empty() {
             return;
         }
-        if begun.elapsed() > FORGIVEN {
+        if turns(begun) > FORGIVEN {
             let faults: Vec<_> = status.devices.iter().map(|one| (&one.name, &one.fault)).collect();
             return wrong.lock().unwrap().push(format!("{left:?} behave and are not believed: {faults:?}"));
         }

@@ -142,7 +142,7 @@ fn where_no_gateway_runs_that_is_what_is_said() {
 }
 
 #[test]
-fn who_waits_while_the_gateway_stops_for_long_is_reported_and_does_not_want_it_any_more() {
+fn a_request_that_waits_while_the_gateway_stops_for_long_is_reported_and_ended() {
     let bench = Bench::manual();
     bench.device.asks(crate::commands::bench::OPEN_CIRCUIT);
     bench.why("bed has an open circuit");

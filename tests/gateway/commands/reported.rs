@@ -22,7 +22,7 @@ fn whoever_commands_by_whatever_way_is_reported() {
     assert_eq!(bench.http("POST", "/api/zero", "Origin: http://elsewhere.example\r\n").0, 403);
 
     let (code, said) = bench.ask(&["zero", "--axis", "z"]);
-    assert_eq!((code, said.trim()), (0, "z: references are captured from now on"));
+    assert!(code == 0 && said.starts_with("z: nothing is captured: "), "{code} {said}");
     let (code, said) = bench.ask(&["zero", "--axis", "q"]);
     assert_eq!((code, said.contains("there is no axis q; there are z")), (1, true), "{said}");
 
@@ -47,6 +47,41 @@ fn whoever_commands_by_whatever_way_is_reported() {
     assert!(word(5, "why").starts_with("Commands from a browser"));
     let armed: Vec<_> = events.iter().filter(|event| event["kind"] == "armed").collect();
     assert_eq!([&armed[0]["data"]["way"], &armed[1]["data"]["way"]], ["socket", "page"]);
+}
+
+#[test]
+fn a_zero_says_what_is_captured_and_without_such_a_reference_what_to_write() {
+    let bench = Bench::manual();
+    let (code, said) = bench.ask(&["zero"]);
+    let words = ["no reference \"zero\"", "write reference = \"zero\"", "datum = \"zero\""];
+    assert!(code == 0 && words.iter().all(|word| said.contains(word)), "{code} {said}");
+    assert!(bench.events(&[]).iter().all(|event| event["kind"] != "zeroed"));
+    let changes: [fn(String) -> String; 2] = [
+        |text| text.replace("reference = 0.0", "reference = \"zero\""),
+        |text| text.replace("limit = 2000.0", "limit = 2000.0\ndatum = \"zero\""),
+    ];
+    for change in changes {
+        let bench = Bench::of(change);
+        let (code, said) = bench.ask(&["zero"]);
+        assert_eq!((code, said.trim()), (0, "references are captured from now on"));
+        assert_eq!(bench.events(&[]).iter().filter(|event| event["kind"] == "zeroed").count(), 1);
+    }
+}
+
+#[test]
+fn a_reading_that_fails_is_no_write_that_fails() {
+    let bench = Bench::manual();
+    let text = std::fs::read_to_string(&bench.profile).unwrap();
+    // The device has no such register.
+    let other = crate::commands::process::file(
+        bench.home.path(),
+        "other.toml",
+        &text.replace("holding:10", "holding:11"),
+    );
+    let read = crate::commands::process::isotherm(bench.home.path()).arg("read").arg(other).output().unwrap();
+    let said = String::from_utf8([read.stdout, read.stderr].concat()).unwrap();
+    assert!(said.contains("output cnc_z: its register cannot be read: "), "{said}");
+    assert!(!said.contains("not written") && !said.contains("write-failed"), "{said}");
 }
 
 #[test]

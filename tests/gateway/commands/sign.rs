@@ -7,6 +7,8 @@ use crate::commands::bench::Bench;
 use crate::commands::process::{Running, until};
 
 const SOON: Duration = Duration::from_secs(20);
+/// Time a person needs to walk to the gauge, read it and return to the keyboard.
+const AT_HUMAN_SPEED: Duration = Duration::from_secs(10);
 
 /// The axis stands at 0 µm and compensates.
 fn bench() -> Bench {
@@ -52,6 +54,52 @@ fn a_person_at_a_terminal_is_guided_and_the_answer_is_kept_over_a_restart() {
     assert!(event["data"]["who"].as_str().is_some_and(|who| !who.is_empty()), "{event}");
     bench.restart();
     assert_eq!(bench.axis()["sign_checked"][1], "plus");
+}
+
+#[test]
+fn an_answer_after_ten_seconds_counts_at_a_terminal_and_over_the_api() {
+    let bench = bench();
+    let mut asked = Running::start(&mut bench.verb(&["sign", "--axis", "z"]));
+    asked.hears("Put a dial gauge");
+    std::thread::sleep(AT_HUMAN_SPEED);
+    asked.stdin().write_all(b"\n").unwrap();
+    asked.hears("must have moved by 5.0 µm to plus of z");
+    std::thread::sleep(AT_HUMAN_SPEED);
+    assert_eq!((bench.axis()["sign"]["there"].clone(), offset(&bench)), (true.into(), 50));
+    asked.stdin().write_all(b"plus\n").unwrap();
+    asked.hears("the sign is right");
+    assert_eq!(asked.ends_within(SOON).code(), Some(0));
+    stands_at(&bench, 0);
+
+    until("the axis stands still", || match bench.http("POST", "/api/sign?axis=z", "").0 {
+        202 => Ok(()),
+        code => Err(code.to_string()),
+    });
+    stands_at(&bench, 50);
+    std::thread::sleep(AT_HUMAN_SPEED);
+    let (code, said) = bench.http("POST", "/api/sign-plus?axis=z", "isotherm-way: page\r\n");
+    assert!(code == 200 && said.contains("the sign is right"), "{said}");
+    stands_at(&bench, 0);
+    assert_eq!(bench.reported("sign-ended"), [""; 0]);
+    assert_eq!(bench.reported("sign-checked").len(), 2);
+}
+
+#[test]
+fn a_terminal_that_is_closed_at_the_gauge_ends_the_check() {
+    for signal in ["INT", "HUP", "KILL"] {
+        let bench = bench();
+        let mut asked = Running::start(&mut bench.verb(&["sign"]));
+        asked.stdin().write_all(b"\n").unwrap();
+        asked.hears("must have moved");
+        std::thread::sleep(Duration::from_secs(4));
+        assert_eq!((bench.axis()["sign"]["there"].clone(), offset(&bench)), (true.into(), 50), "{signal}");
+        asked.signal(signal);
+        asked.ends_within(SOON);
+        stands_at(&bench, 0);
+        assert_eq!(bench.axis()["sign"], serde_json::Value::Null, "{signal}");
+        let ended = bench.reported("sign-ended");
+        assert!(ended.len() == 1 && ended[0].contains("whoever asked has gone"), "{signal}: {ended:?}");
+    }
 }
 
 #[test]

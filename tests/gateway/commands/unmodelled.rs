@@ -30,8 +30,11 @@ fn an_axis_without_a_model_keeps_none_of_the_others_from_running() {
     // What the profile does not ask for is no failure.
     assert_eq!(bench.ask(&["status", "--healthy"]), (0, "healthy\n".to_owned()));
 
-    let checked =
-        crate::commands::process::isotherm(bench.home.path()).arg("check").arg(&bench.profile).output().unwrap();
+    let checked = crate::commands::process::isotherm(bench.home.path())
+        .arg("check")
+        .arg(&bench.profile)
+        .output()
+        .unwrap();
     let said = [checked.stdout, checked.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
     assert!(checked.status.success() && said.contains("`y` has no model yet: it stays off"), "{said}");
 }

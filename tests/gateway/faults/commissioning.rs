@@ -148,3 +148,140 @@ fn a_check_that_the_device_cannot_answer_is_reported_with_its_remedy() {
     }
     assert_eq!(trace.states(), ["waiting", "active"], "looked at again, and well: {}", trace.lines());
 }
+
+/// Profile with the module, a control with a type code, and a heartbeat; a fault holds the offset.
+fn cell() -> String {
+    // A busy computer must not lose an answer more than a test says.
+    MODULE
+        .replace("100ms", "900ms")
+        .replace("action = \"ramp\", after = \"5s\"", "action = \"hold\"")
+        .replace(
+            "[device.cnc]\nbus = \"control\"\nunit = 1\n",
+            "[device.cnc]\nbus = \"control\"\nunit = 1\n\
+         verify = [{ register = \"holding:200\", equals = 7, what = \"type code\" }]\n\
+         [heartbeat]\ndevice = \"cnc\"\nregister = \"holding:120\"\nevery = \"1s\"\n",
+        )
+}
+
+/// A fault of this device, once.
+fn fault(device: &str, what: &str) -> String {
+    format!("[[fault]]\ndevice = \"{device}\"\n{what}\n")
+}
+
+/// Ways in which a device is away; the tests exchange it 60.4 s after the start.
+const WAYS: [&str; 5] = [
+    "kind = \"refuse\"\nat = \"60s\"\nfor_time = \"3s\"",
+    "kind = \"refuse\"\nat = \"60s\"\nfor_time = \"900ms\"",
+    "kind = \"silent\"\nat = \"60s\"\nfor_time = \"3s\"",
+    "kind = \"half-open\"\nat = \"60s\"\nfor_time = \"3s\"",
+    "kind = \"close\"\nat = \"60500ms\"\nfor = 1",
+];
+
+fn checks(trace: &Trace, function: u8, register: u16) -> usize {
+    let is_check = |seen: &&isotherm::virtual_machine::Seen| {
+        seen.function == function && seen.address.register().is_some_and(|at| at.offset == register)
+    };
+    trace.wire.iter().filter(is_check).count()
+}
+
+/// Writes after so many seconds.
+fn writes_from(trace: &Trace, second: u64) -> usize {
+    let from = trace.begin.after(Duration::from_secs(second));
+    trace.wire.iter().filter(|seen| seen.is_write() && seen.at >= from).count()
+}
+
+#[test]
+fn readings_of_a_module_that_was_exchanged_while_it_was_away_move_nothing() {
+    for way in WAYS {
+        let faults = [
+            fault("module", way),
+            fault("module", &set("coil:268", 0, "60400ms")),
+            fault("module", "kind = \"value\"\nsignal = \"bed\"\nvalue = 60.0\nat = \"60400ms\""),
+        ];
+        let trace = run(&cell(), &faults.concat(), 2 * MINUTE);
+        law::holds(&trace);
+        let offsets = |from: Duration, to: Duration| {
+            let within = move |at| at >= trace.begin.after(from) && at < trace.begin.after(to);
+            trace.writes("cnc_z").into_iter().filter(move |(at, _)| within(*at)).map(|(_, value)| value)
+        };
+        let before = offsets(Duration::ZERO, MINUTE).next_back().unwrap();
+        let after: Vec<f64> = offsets(MINUTE, 2 * MINUTE - Duration::from_secs(1)).collect();
+        assert!(after.iter().all(|value| (value - before).abs() < 2.0), "{way}: {before}, then {after:?}");
+        assert_eq!(trace.reported("not-as-expected"), 1, "{way}: {}", trace.lines());
+        assert_eq!(trace.qualities("bed", 75, 118), ["not-as-expected"], "{way}: {}", trace.lines());
+    }
+}
+
+#[test]
+fn a_control_that_was_exchanged_while_it_was_away_gets_no_write() {
+    for way in WAYS {
+        let faults = [
+            fault("cnc", way),
+            fault("cnc", &set("holding:200", 8, "60400ms")),
+            fault("cnc", "kind = \"register\"\nregister = \"holding:104\"\nwords = [0, 0]\nat = \"60400ms\""),
+        ];
+        let trace = run(&cell(), &faults.concat(), 2 * MINUTE);
+        law::holds(&trace);
+        assert!(writes_from(&trace, 40) > 10, "it was driven: {}", trace.lines());
+        let after = trace.wire.iter().filter(|seen| seen.is_write());
+        let late: Vec<f64> =
+            after.map(|seen| trace.seconds(seen.at)).filter(|second| *second > 60.4).collect();
+        // Until it is asked it is the one before, and what is sent to one that is silent goes nowhere.
+        let gone = match way {
+            // The beat of the next second meets the close.
+            way if way.contains("close") => 61.1,
+            way if way.contains("refuse") => 60.4,
+            _ => 63.0,
+        };
+        assert!(late.iter().all(|second| *second < gone), "{way}: {late:?}");
+        assert_eq!(trace.reported("not-as-expected"), 1, "{way}: {}", trace.lines());
+        assert_eq!(trace.states_between(75, 118), ["off"], "{way}: {}", trace.lines());
+    }
+}
+
+#[test]
+fn a_device_that_was_away_and_passes_its_checks_resumes_after_one_check() {
+    for way in WAYS {
+        for device in ["module", "cnc"] {
+            let trace = run(&cell(), &fault(device, way), 2 * MINUTE);
+            law::holds(&trace);
+            let read = match device {
+                "module" => checks(&trace, 1, 268),
+                _ => checks(&trace, 3, 200),
+            };
+            assert_eq!(read, 2, "{device}, {way}: {}", trace.lines());
+            assert_eq!(trace.states_between(75, 118), ["active"], "{device}, {way}: {}", trace.lines());
+            assert!(writes_from(&trace, 75) > 10, "{device}, {way}");
+            assert_eq!(
+                trace.reported("not-as-expected") + trace.reported("disarmed"),
+                0,
+                "{}",
+                trace.lines()
+            );
+        }
+    }
+}
+
+#[test]
+fn one_lost_and_one_wrong_answer_cost_no_check() {
+    for lost in ["silent", "garbage"] {
+        let lost = format!("kind = \"{lost}\"\nat = \"60s\"\nfor = 1");
+        let trace = run(&cell(), &[fault("module", &lost), fault("cnc", &lost)].concat(), 2 * MINUTE);
+        assert_eq!((checks(&trace, 1, 268), checks(&trace, 3, 200)), (1, 1), "{}", trace.lines());
+        // Frozen for the moment in which its write has no answer.
+        assert!(!trace.states_between(30, 118).contains(&"off"), "{}", trace.lines());
+    }
+}
+
+#[test]
+fn a_module_with_a_long_period_is_checked_after_one_lost_answer() {
+    let text = cell().replace("unit = 1\ntemplate", "unit = 1\nevery = \"10s\"\ntemplate");
+    let text = text.replace("max_age = \"5s\"", "max_age = \"60s\"");
+    let faults = [
+        fault("module", "kind = \"silent\"\nat = \"60s\"\nfor = 1"),
+        fault("module", &set("coil:268", 0, "61s")),
+    ];
+    let trace = run(&text, &faults.concat(), 2 * MINUTE);
+    assert_eq!(trace.reported("not-as-expected"), 1, "{}", trace.lines());
+    assert_eq!(trace.qualities("bed", 90, 118), ["not-as-expected"], "{}", trace.lines());
+}

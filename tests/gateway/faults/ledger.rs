@@ -1,4 +1,4 @@
-//! A register that an operator writes to as well: whose part is what, whatever happens to it.
+//! A register that an operator writes to as well: its division into operator offset and gateway share survives every fault.
 
 use std::fs;
 use std::io;

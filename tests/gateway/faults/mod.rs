@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "these are tests")]
 
+mod admitted;
 mod answers;
 mod clocks;
 mod commissioning;
@@ -21,6 +22,7 @@ mod rig;
 mod rtu;
 mod sealed;
 mod sets;
+mod sign;
 mod stand_ins;
 mod stop;
 mod targets;

@@ -176,7 +176,7 @@ fn a_cnc_that_is_busy_at_first_does_not_keep_its_axis_from_arming() {
 }
 
 #[test]
-fn a_cnc_whose_writes_never_end_well_is_not_reported_of_for_ever() {
+fn a_cnc_whose_writes_never_succeed_is_not_reported_for_ever() {
     let trace = bench(&cnc("kind = \"wrong-echo\"\nat = \"60s\""), 15 * MINUTE);
     law::holds(&trace);
     assert!(
@@ -275,7 +275,7 @@ fn a_diameter_changes_by_twice_what_the_radius_does() {
 }
 
 #[test]
-fn what_the_readout_is_reported_is_the_position_plus_what_the_cnc_is_reported() {
+fn the_readout_gets_the_position_plus_what_the_cnc_gets() {
     let trace = run(&patient(), "", 3 * MINUTE);
     law::holds(&trace);
     let scale = &trace.profile.signals[2];

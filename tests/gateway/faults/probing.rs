@@ -1,13 +1,15 @@
 //! Probings: a cycle of the CNC, and people, measure what is left of the error; the models learn, Cz never jumps.
 
+use std::cell::RefCell;
 use std::time::Duration;
 
 use isotherm::cli::replay::replay;
 use isotherm::gateway::Options;
-use isotherm::observe::status::{Answer, ProbeStatus, Status};
+use isotherm::observe::status::{Answer, Command, ProbeStatus, Status};
+use isotherm_core::compensation::MeasuredReport;
 
 use crate::faults::law;
-use crate::faults::rig::{BENCH, LATHE, Sample, Stage, Trace, World, block_on, profile, somebody};
+use crate::faults::rig::{BENCH, LATHE, Sample, Stage, Trace, Trial, World, block_on, profile, somebody};
 
 const SECOND: Duration = Duration::from_secs(1);
 const MINUTE: Duration = Duration::from_secs(60);
@@ -87,9 +89,9 @@ fn a_probing_cycle_takes_what_the_model_does_not_know_out_of_the_machine() {
 fn a_person_measures_and_takes_it_back_and_the_log_gives_it_all_again() {
     let directory = tempfile::tempdir().unwrap();
     let text = probing(COUNTER.0, "trigger = \"probed\"\ngains = { forgetting = 0.98, limit = 0.2 }");
-    let measured = |error| {
+    let measured = |error: Option<f64>| {
         move |stage: &Stage<'_>| {
-            stage.source.measured("z", error, &somebody()).unwrap();
+            stage.source.measured("z", error.map(f64::into), &somebody()).unwrap();
         }
     };
     let (first, second) = block_on(async {
@@ -120,7 +122,9 @@ fn what_a_person_sends_is_held_against_what_stands_in_the_machine() {
     let trace = block_on(async {
         let text = probing("", "").replace("signal = \"probe_z\"\n", "").replace("200.0", "20.0");
         let mut world = World::new(&text, "").await;
-        let send = |stage: &Stage<'_>, axis, error| stage.source.measured(axis, Some(error), &somebody());
+        let send = |stage: &Stage<'_>, axis, error: f64| {
+            stage.source.measured(axis, Some(error.into()), &somebody())
+        };
         let trial = world.gateway().at(5 * MINUTE, move |stage| {
             assert!(send(stage, "q", 1.0).unwrap_err().contains("there is no axis q; there are z"));
             assert!(send(stage, "z", f64::NAN).unwrap_err().contains("a finite number"));
@@ -156,11 +160,11 @@ fn an_axis_without_a_probe_takes_no_measured_errors_and_a_diameter_is_halved() {
     let trace = block_on(async {
         let mut world = World::new(&text, "").await;
         let trial = world.gateway().at(3 * MINUTE, |stage| {
-            let refused = stage.source.measured("z", Some(1.0), &somebody()).unwrap_err();
+            let refused = stage.source.measured("z", Some(1.0.into()), &somebody()).unwrap_err();
             assert!(refused.contains("axis z takes no measured errors"), "{refused}");
             let status = stage.source.status();
             assert!((status.axes[0].cz_um - status.axes[0].raw_um.unwrap()).abs() < 0.2, "it has arrived");
-            stage.source.measured("x", Some(3.0), &somebody()).unwrap();
+            stage.source.measured("x", Some(3.0.into()), &somebody()).unwrap();
         });
         trial.run(4 * MINUTE).await
     });
@@ -204,7 +208,7 @@ fn how_wrong_a_model_is_expected_to_be_is_shown_logged_and_comes_out_again() {
         let mut world = World::new(&text, "").await;
         let trial = world.gateway().options(in_directory(directory.path()));
         let trial = trial.at(5 * MINUTE, |stage| {
-            stage.source.measured("z", Some(3.0), &somebody()).unwrap();
+            stage.source.measured("z", Some(3.0.into()), &somebody()).unwrap();
         });
         trial.run(10 * MINUTE).await
     });
@@ -234,7 +238,9 @@ fn a_probing_that_disagrees_is_told_everywhere_and_waits_for_a_second_one() {
         let text =
             probing("", "").replace("signal = \"probe_z\"\n", "").replace("filter = 0.5\n", "repeat = 0.5\n");
         let mut world = World::new(&text, "").await;
-        let send = |stage: &Stage<'_>, error| stage.source.measured("z", Some(error), &somebody()).unwrap();
+        let send = |stage: &Stage<'_>, error: f64| {
+            stage.source.measured("z", Some(error.into()), &somebody()).unwrap()
+        };
         let trial = world.gateway().at(5 * MINUTE, move |stage| {
             let said = send(stage, 30.0);
             assert!(said.text().contains("not learned from yet: the model would be wrong by"), "{said:?}");
@@ -255,4 +261,115 @@ fn a_probing_that_disagrees_is_told_everywhere_and_waits_for_a_second_one() {
     let learned = last(&trace);
     let residual = learned.last.as_ref().unwrap().residual_um.unwrap();
     assert!((learned.correction_um + residual).abs() < 0.02 * residual, "{learned:?}");
+}
+
+/// The bench whose axis doubts an error of 30 µm until a second one agrees.
+fn doubting() -> String {
+    probing("", "").replace("signal = \"probe_z\"\n", "").replace("filter = 0.5\n", "repeat = 0.5\n")
+}
+
+/// Sends a report; what it was answered.
+fn sends(stage: &Stage<'_>, report: MeasuredReport) -> Result<String, String> {
+    stage.source.measured("z", Some(report), &somebody()).map(|answer| answer.text().to_owned())
+}
+
+/// Sends the report again this often, every 3 s; each time it is rejected, and that is why.
+fn again<'a>(
+    trial: Trial<'a>,
+    (report, why): (&'a RefCell<Option<MeasuredReport>>, &'a str),
+    from: Duration,
+    times: u32,
+) -> Trial<'a> {
+    (0..times).fold(trial, |trial, time| {
+        trial.at(from + 3 * time * SECOND, move |stage| {
+            let kept = report.borrow().clone();
+            let rejected = sends(stage, kept.unwrap()).unwrap_err();
+            assert!(rejected.starts_with("z: rejected: ") && rejected.contains(why), "{rejected}");
+        })
+    })
+}
+
+/// Makes the report of a kind.
+type Make = fn(&Stage<'_>) -> MeasuredReport;
+
+#[test]
+fn one_measured_error_that_arrives_ten_times_is_one_over_a_restart_and_a_kill_too() {
+    let timed: Make = |stage| MeasuredReport { time: Some(stage.clock.time_of_day()), ..30.0.into() };
+    let named: Make = |_| MeasuredReport { id: Some("part-17/2".to_owned()), ..30.0.into() };
+    let plain: Make = |_| MeasuredReport::from(30.0);
+    let kinds: [(Make, &str); 3] = [
+        (timed, "was taken before with the same error; measure again"),
+        (named, "the measurement with the id part-17/2 was taken before; give each"),
+        (plain, "the same error arrived 3.0 s ago and counts once; send a `time` or an `id`"),
+    ];
+    for (make, why) in kinds {
+        let directory = tempfile::tempdir().unwrap();
+        let report = RefCell::new(None);
+        let (first, second, third) = block_on(async {
+            let mut world = World::new(&doubting(), "").await;
+            let report = &report;
+            let trial = world.gateway().options(in_directory(directory.path()));
+            let trial = trial.at(5 * MINUTE, move |stage| {
+                let made = make(stage);
+                *report.borrow_mut() = Some(made.clone());
+                assert!(sends(stage, made).unwrap().contains("not learned from yet"));
+            });
+            let first = again(trial, (report, why), 5 * MINUTE + 3 * SECOND, 4)
+                .killed_after(5 * MINUTE + 13 * SECOND)
+                .await;
+            if report.borrow().as_ref().is_some_and(|report| !report.is_identified()) {
+                return (first, None, None);
+            }
+            let trial = world.gateway().options(in_directory(directory.path()));
+            let second = again(trial, (report, why), 2 * MINUTE, 3).run(3 * MINUTE).await;
+            let trial = world.gateway().options(in_directory(directory.path()));
+            let third =
+                again(trial, (report, why), 2 * MINUTE, 3).at(2 * MINUTE + 20 * SECOND, move |stage| {
+                    let other = MeasuredReport { id: Some("part-17/3".to_owned()), ..30.5.into() };
+                    assert!(sends(stage, other).unwrap().ends_with("it is learned from at once"));
+                });
+            (first, Some(second), Some(third.run(3 * MINUTE).await))
+        });
+        for trace in [Some(&first), second.as_ref()].into_iter().flatten() {
+            law::holds(trace);
+            assert_eq!(trace.reported("probed"), 0, "{}", trace.lines());
+            assert!(last(trace).correction_um.abs() < 1e-12, "{:?}", last(trace));
+            assert!(trace.reported("command-refused") >= 3, "{}", trace.lines());
+        }
+        assert_eq!(third.map(|third| third.reported("probed")), second.map(|_| 1));
+    }
+}
+
+#[test]
+fn a_measured_error_of_before_the_zero_or_of_the_future_is_rejected_with_both_times() {
+    let text = doubting().replace("arm  = \"auto\"", "arm  = \"auto\"\nsettle = \"20s\"").replacen(
+        "reference = 0.0",
+        "reference = \"zero\"",
+        2,
+    );
+    let trace = block_on(async {
+        let mut world = World::new(&text, "").await;
+        let at = |stage: &Stage<'_>, ahead: i64| {
+            let now = stage.clock.time_of_day();
+            let span = Duration::from_secs(ahead.unsigned_abs());
+            let time = Some(if ahead < 0 { now.before(span) } else { now.after(span) });
+            sends(stage, MeasuredReport { time, ..1.0.into() })
+        };
+        let rejected = |said: Result<String, String>, why: &str| {
+            let said = said.unwrap_err();
+            assert!(said.starts_with("z: rejected: ") && said.contains(why), "{said}");
+        };
+        let trial = world.gateway().command(5 * MINUTE, Command::Zero);
+        // While the datum is being taken, and once it is there.
+        let trial =
+            trial.at(5 * MINUTE + 5 * SECOND, move |stage| rejected(at(stage, -10), "before the datum of"));
+        let trial = trial.at(6 * MINUTE, move |stage| rejected(at(stage, -50), "before the datum of"));
+        let trial = trial.at(6 * MINUTE + 2 * SECOND, move |stage| rejected(at(stage, 60), "set the clock"));
+        let trial = trial.at(6 * MINUTE + 4 * SECOND, move |stage| {
+            assert!(at(stage, -10).unwrap().ends_with("it is learned from at once"));
+        });
+        trial.run(7 * MINUTE).await
+    });
+    law::holds(&trace);
+    assert_eq!((trace.reported("probed"), trace.reported("command-refused")), (1, 3), "{}", trace.lines());
 }

@@ -348,7 +348,11 @@ fn the_example_of_the_displays_manual_is_what_is_encoded() {
     assert_eq!(output.encoding.encode(-32.70).registers(), [0xffff, 0xf33a]);
     assert_eq!((output.display.beside[0].register, output.display.beside[0].good), (12, 0x0200));
     let finer = display("ditel-dn-nb").replace("channel = \"value\"", "channel = \"value\"\nscale = 0.001");
-    assert_eq!(crate::faults::rig::profile(&finer).outputs[0].display.beside[0].good, 0x0300, "three decimals");
+    assert_eq!(
+        crate::faults::rig::profile(&finer).outputs[0].display.beside[0].good,
+        0x0300,
+        "three decimals"
+    );
 }
 
 #[test]

@@ -6,7 +6,9 @@ use isotherm::observe::status::Status;
 
 use crate::late_writes::control::{Control, Fate, Shared};
 use crate::late_writes::device::gateway::wait_until;
-use crate::late_writes::rig::{LEDGER, Program, SET, all_at_once, beside, blames_nobody, nobody_is_blamed, profile_of};
+use crate::late_writes::rig::{
+    LEDGER, Program, SET, all_at_once, beside, blames_nobody, nobody_is_blamed, profile_of, promises,
+};
 
 /// Warms the bed until 5 µm are asked for, cools it to −2 µm while the write is held, and lets it arrive.
 fn held(late: &str, span: Duration, more: &str) -> (Shared, Status) {
@@ -41,7 +43,7 @@ enum Killed {
     Never,
     /// As soon as the write has come, before anything is known of it.
     AtOnce,
-    /// When nobody has answered it.
+    /// When nobody has answered it, and the program has kept that it may still arrive.
     Later,
 }
 
@@ -73,7 +75,7 @@ const KINDS: [Kind; 8] = [
 ];
 /// The same unit, of which nothing can be read.
 const BLIND: &str =
-    "[device.blind]\nbus = \"cell\"\nunit = 1\nevery = \"100ms\"\nfunctions = [\"write-single\"]\n";
+    "[device.blind]\nbus = \"cell\"\nunit = 1\nevery = \"250ms\"\nfunctions = [\"write-single\"]\n";
 /// Left out of a profile, `late` is as long.
 const LATE: &str = "30s";
 
@@ -111,6 +113,10 @@ impl Came {
         control.lock().unwrap().words[0] = 180;
         if killed == Killed::Later {
             std::thread::sleep(Duration::from_secs(1));
+            // A slow disk has that later.
+            let held = i64::from(control.lock().unwrap().held.unwrap());
+            let ledger = program.ledger();
+            program.waits_until(&name, || promises(&ledger).contains(&held));
         }
         if killed != Killed::Never {
             program = program.starts_again_after_a_kill();

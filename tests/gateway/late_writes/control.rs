@@ -47,6 +47,8 @@ pub(crate) struct Control {
     pub(crate) writes: usize,
     /// What is applied of the offset stands in register 15; this control applies it at once, or never.
     pub(crate) applies: bool,
+    /// The offset that a held write wants, from the moment at which the write is held.
+    pub(crate) held: Option<i16>,
     /// What a held write changed the offset from and to, when it came.
     pub(crate) late: Option<(i16, i16)>,
     /// What it changed was read: with what is sent again and again it may have changed nothing, or been written over before.
@@ -76,6 +78,7 @@ impl Control {
             beside: vec![0],
             writes: 0,
             applies: true,
+            held: None,
             late: None,
             is_late_read: false,
             comes_over: None,
@@ -177,6 +180,9 @@ fn answer(question: &Question, stream: &mut TcpStream, shared: &Shared) -> Resul
     match fate {
         Fate::Lost => return Ok(()),
         Fate::Held(span) => {
+            let mut wanted = control.words;
+            wanted[usize::from(from)..][..words.len()].copy_from_slice(&words);
+            control.held = Some((control.offsets)(&wanted)[0]);
             let shared = shared.clone();
             std::thread::spawn(move || {
                 std::thread::sleep(span);

@@ -17,12 +17,12 @@ name = "held"
 [bus.cell]
 type = "modbus-tcp"
 address = "ADDRESS"
-timeout = "60ms"
+timeout = "200ms"
 late = "LATE"
 [device.cnc]
 bus = "cell"
 unit = 1
-every = "100ms"
+every = "250ms"
 [signal.bed]
 device = "cnc"
 register = "holding:0"
@@ -34,7 +34,7 @@ max_age = "3s"
 limit = 40.0
 step = 1.0
 rate = 100.0
-every = "100ms"
+every = "250ms"
 on_fault = { action = "hold" }
 [[axis.z.model]]
 name = "one"
@@ -60,7 +60,7 @@ refresh = "500ms"
 limit = 40.0
 step = 1.0
 rate = 100.0
-every = "100ms"
+every = "250ms"
 on_fault = { action = "hold" }
 [[axis.y.model]]
 name = "one"
@@ -148,6 +148,11 @@ impl Program {
         Program { home, profile, running, said }
     }
 
+    /// Where its ledger lies.
+    pub(crate) fn ledger(&self) -> PathBuf {
+        self.home.path().join("state/held.ledger.json")
+    }
+
     /// Looks now and then until it is so.
     #[track_caller]
     pub(crate) fn waits_until(&mut self, what: &str, is_so: impl Fn() -> bool) {
@@ -181,4 +186,12 @@ impl Program {
 fn run(home: &tempfile::TempDir, profile: &Path) -> Running {
     let state = home.path().join("state");
     Running::start(isotherm(home.path()).arg("run").arg(profile).arg("--state").arg(state))
+}
+
+/// The values of its offset that may still arrive, as this ledger has them.
+pub(crate) fn promises(ledger: &Path) -> Vec<i64> {
+    let text = std::fs::read_to_string(ledger).unwrap_or_default();
+    let ledger: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    let kept = ledger["content"]["cnc_z"]["kept"]["promises"].as_array().cloned().unwrap_or_default();
+    kept.iter().filter_map(|promise| promise["value"].as_i64()).collect()
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::service::device::What;
 use crate::service::process::{isotherm, until};
-use crate::service::rig::{Service, copy};
+use crate::service::rig::{Service, copy, corrected};
 
 const WAY: &str = "step = 1.0";
 const QUICKLY: &str = "step = 20.0";
@@ -85,17 +85,7 @@ fn a_register_shared_with_an_operator_is_never_another_count() {
 
 #[test]
 fn a_corrected_position_is_never_another_count() {
-    // The position comes from the same register, 0.1 µm a count, so that position and Cz are the same.
-    let position = "[signal.scale]\ndevice = \"cnc\"\nregister = \"holding:0\"\ntype = \"i16\"\nscale = 0.0001\nunit = \"mm\"\n\
-                    max_age = \"2s\"\n[axis.z]";
-    let corrected = |text: String| {
-        let text = text
-            .replace("[axis.z]", position)
-            .replace("writes = \"offset\"", "writes = \"corrected\"\nposition = \"scale\"");
-        let (before, output) = text.split_once("[output.cnc_z]").unwrap();
-        format!("{before}[output.cnc_z]{}", output.replace("scale = 0.1\n", "scale = 0.0001\n"))
-    };
-    nothing_moves(corrected, 2 * OFFSET, false);
+    nothing_moves(|text| corrected(&text), 2 * OFFSET, false);
 }
 
 #[test]

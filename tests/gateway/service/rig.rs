@@ -1,5 +1,6 @@
 //! A gateway as a service manager starts it, beside its device.
 
+use std::ffi::OsStr;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -9,7 +10,7 @@ use crate::service::device::{Device, Times, profile};
 use crate::service::manager::Manager;
 use crate::service::process::{Running, file, isotherm, until};
 
-const TIMES: Times = Times {
+pub(crate) const TIMES: Times = Times {
     timeout: Duration::from_millis(200),
     every: Duration::from_millis(200),
     max_age: Duration::from_secs(2),
@@ -30,9 +31,31 @@ pub(crate) fn copy(program: &str, to: &Path) {
     assert!(Command::new("cp").arg(program).arg(to).status().unwrap().success());
 }
 
+/// The position comes from the same register, 0.1 µm a count, so that position and Cz are the same.
+pub(crate) fn corrected(text: &str) -> String {
+    let position = "[signal.scale]\ndevice = \"cnc\"\nregister = \"holding:0\"\ntype = \"i16\"\nscale = 0.0001\nunit = \"mm\"\n\
+                    max_age = \"2s\"\n[axis.z]";
+    let text = text
+        .replace("[axis.z]", position)
+        .replace("writes = \"offset\"", "writes = \"corrected\"\nposition = \"scale\"");
+    let (before, output) = text.split_once("[output.cnc_z]").unwrap();
+    format!("{before}[output.cnc_z]{}", output.replace("scale = 0.1\n", "scale = 0.0001\n"))
+}
+
 impl Service {
     /// Started with a profile that was changed so; and once it is ready.
     pub(crate) fn start(change: impl FnOnce(String) -> String) -> Service {
+        Service::start_by(change, &[], &[], |_, _| ())
+    }
+
+    /// The same by this command, which becomes the program that it gets as its arguments, with more of an environment. `meanwhile` is
+    /// given the process and the state directory before the gateway is waited for.
+    pub(crate) fn start_by(
+        change: impl FnOnce(String) -> String,
+        by: &[&str],
+        environment: &[(&str, &str)],
+        meanwhile: impl FnOnce(&mut Running, &Path),
+    ) -> Service {
         let device = Device::listen(TcpListener::bind("127.0.0.1:0").unwrap(), Duration::ZERO);
         let home = tempfile::tempdir().unwrap();
         let text = profile(device.address(), TIMES).replace("100ms", "5ms");
@@ -41,10 +64,14 @@ impl Service {
         // A copy of its own, which can be replaced.
         let program = home.path().join("isotherm");
         copy(env!("CARGO_BIN_EXE_isotherm"), &program);
-        let mut command = Command::new(&program);
+        let state = home.path().join("state");
+        let words: Vec<&OsStr> = by.iter().map(OsStr::new).chain([program.as_os_str()]).collect();
+        let mut command = Command::new(words[0]);
         command.env_clear().env("HOME", home.path()).env("NOTIFY_SOCKET", &manager.path);
-        command.arg("run").arg(&path).arg("--state").arg(home.path().join("state"));
-        let gateway = Running::start(&mut command);
+        command.envs(environment.iter().copied());
+        command.args(&words[1..]).arg("run").arg(&path).arg("--state").arg(&state);
+        let mut gateway = Running::start(&mut command);
+        meanwhile(&mut gateway, &state);
         manager.hears("READY=1");
         Service { home, device, profile: path, program, manager, gateway }
     }

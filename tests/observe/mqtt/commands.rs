@@ -1,5 +1,9 @@
 //! What arrives: a measured error where the profile takes some, nothing else, and nothing at all where it takes none.
 
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::time::Duration;
+
 use super::broker::Broker;
 use super::machine::Machine;
 use super::process::until;
@@ -38,6 +42,85 @@ fn a_measured_error_is_learned_from_and_nothing_arms_disarms_or_moves() {
     assert_eq!((&armed["armed"], &armed["state"]), (&true.into(), &"active".into()));
     let refused = events(&machine).matches("\"command-refused\"").count();
     assert!(refused <= 2, "{refused} refusals are reported");
+}
+
+/// Publishes a message at least once, as a sender does that has lost the answer: the same packet again, marked as that.
+fn publishes_twice(broker: &Broker, topic: &str, payload: &str) {
+    let text = |text: &str| [&u16::try_from(text.len()).unwrap().to_be_bytes(), text.as_bytes()].concat();
+    let packet = |kind: u8, body: &[u8]| {
+        let length = u8::try_from(body.len()).unwrap();
+        assert!(length < 128, "its length is one byte");
+        [&[kind, length], body].concat()
+    };
+    let connect = [&text("MQTT"), &[4_u8, 2, 0, 60][..], &text("probe")].concat();
+    let publish = [&text(topic), &1_u16.to_be_bytes()[..], payload.as_bytes()].concat();
+    let mut stream = TcpStream::connect(("127.0.0.1", broker.port)).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    stream.write_all(&packet(0x10, &connect)).unwrap();
+    stream.read_exact(&mut [0; 4]).unwrap();
+    for kind in [0x32, 0x3a] {
+        stream.write_all(&packet(kind, &publish)).unwrap();
+        stream.read_exact(&mut [0; 4]).unwrap();
+        // The gateway takes one a second.
+        std::thread::sleep(Duration::from_millis(1200));
+    }
+}
+
+#[test]
+fn a_measured_error_that_the_broker_delivers_twice_counts_once_after_a_kill_too() {
+    let broker = Broker::open();
+    let mut arrived = broker.reads("isotherm/press/command/measured", &[]);
+    let mut events = broker.reads("isotherm/press/event", &[]);
+    let mqtt = format!("[mqtt]\nbroker = \"mqtt://127.0.0.1:{}\"\ncommands = [\"measured\"]\n", broker.port);
+    let mut machine = Machine::with(&mqtt);
+    machine.is_active();
+    let probe = |machine: &Machine| machine.status()["axes"]["z"]["probe"].clone();
+    until("the offset has arrived", || match machine.status()["axes"]["z"]["verified_um"].as_f64() {
+        Some(um) if (um - 10.0).abs() < 0.01 => Ok(()),
+        um => Err(format!("{um:?}")),
+    });
+    let learned = probe(&machine)["correction_um"].clone();
+    // So far off that a second one has to agree.
+    for (payload, why) in [
+        (r#"{"axis":"z","error_um":-25}"#, "counts once; send a `time` or an `id`"),
+        (r#"{"axis":"z","error_um":-24,"id":"part-17/2"}"#, "the id part-17/2 was taken before"),
+    ] {
+        let before = probe(&machine);
+        publishes_twice(&broker, "isotherm/press/command/measured", payload);
+        for _ in 0..2 {
+            arrived.hears(payload);
+        }
+        let refused = events.hears("command-refused");
+        assert!(refused.contains(why) && refused.contains("over the broker"), "{refused}");
+        let after = probe(&machine);
+        assert_eq!(after["last"]["error_um"], if before["last"].is_null() { -25.0 } else { -24.0 });
+    }
+    // The two measurements agree, and each has counted once.
+    let once = probe(&machine);
+    assert!(
+        once["history"].as_array().is_some_and(|history| history.len() == 1),
+        "{once}\n{}",
+        self::events(&machine)
+    );
+    assert_ne!(once["correction_um"], learned);
+    // What was learned is kept at once: so is what it was learned from.
+    std::thread::sleep(Duration::from_secs(3));
+    machine = machine.dies_and_begins();
+    machine.is_active();
+    let count =
+        |machine: &Machine| self::events(machine).matches("the id part-17/2 was taken before").count();
+    let refused = count(&machine);
+    until("it is refused after the kill", || {
+        broker.tells(
+            "isotherm/press/command/measured",
+            r#"{"axis":"z","error_um":-24,"id":"part-17/2"}"#,
+            &[],
+        );
+        if count(&machine) > refused { Ok(()) } else { Err(self::events(&machine)) }
+    });
+    let (after, residual) = (probe(&machine), "/history/0/1");
+    assert_eq!(after["history"].as_array().map(Vec::len), Some(1), "{after}");
+    assert_eq!(after.pointer(residual), once.pointer(residual), "{after}");
 }
 
 #[test]

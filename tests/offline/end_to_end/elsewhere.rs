@@ -64,7 +64,8 @@ fn replay_reads_a_german_spreadsheet_and_keeps_its_times() {
     let home = tempfile::tempdir().unwrap();
     let model = "[[axis.z.model]]\nname = \"m\"\nkind = \"linear\"\nterms = [ { signal = \"bearing\", gain = -2.0, reference = \
                  20.0 } ]\n";
-    let profile = crate::end_to_end::process::file(home.path(), "plant.toml", &format!("{PROFILE}{model}{OUTPUT}"));
+    let profile =
+        crate::end_to_end::process::file(home.path(), "plant.toml", &format!("{PROFILE}{model}{OUTPUT}"));
     let replayed = |log: String, zone: &[&str]| {
         let verb = ["replay", profile.to_str().unwrap()];
         let answer =

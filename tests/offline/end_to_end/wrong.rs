@@ -49,7 +49,7 @@ fn a_log_that_is_no_such_csv_is_reported_with_what_to_write() {
 }
 
 #[test]
-fn a_file_in_another_encoding_is_reported_so() {
+fn a_file_in_another_encoding_is_refused_with_the_reason() {
     let home = tempfile::tempdir().unwrap();
     let wide: Vec<u8> =
         std::iter::once(0xFEFF).chain(day(1).encode_utf16()).flat_map(u16::to_le_bytes).collect();
@@ -199,7 +199,7 @@ fn a_drift_report_remarks_what_cannot_be_meant() {
     for words in [
         "note: short lasts 4m 59s",
         "name the column time_min",
-        "note: long lasts 12days",
+        "note: long lasts 12 days",
         "name the column time;",
         "note: z_error_um stands still: was the probe connected?",
     ] {

@@ -43,7 +43,7 @@ fn an_error_column_that_is_not_there_is_answered_with_the_nearest() {
 }
 
 #[test]
-fn fahrenheit_is_reported_by_its_numbers() {
+fn fahrenheit_is_recognised_by_its_numbers() {
     let logs = each(|log| cells(&cells(log, 1, |c| c * 1.8 + 32.0), 2, |c| c * 1.8 + 32.0));
     says(&refused(2, &logs, &choice()), &["°F", "(F − 32) / 1.8"]);
 }
@@ -93,7 +93,7 @@ fn cells_that_are_no_numbers_are_reported_with_file_line_and_column_all_at_once(
 }
 
 #[test]
-fn names_that_do_not_meet_are_reported_from_both_sides() {
+fn names_that_do_not_match_are_reported_from_both_files() {
     let logs = each(|log| log.replace("s0", "bed").replace("s1", "column"));
     says(
         &refused(2, &logs, &choice()),

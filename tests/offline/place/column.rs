@@ -8,11 +8,8 @@ use isotherm_placement::write;
 
 use crate::place::process::{file, isotherm};
 
-#[path = "../../../crates/placement/tests/bodies/mod.rs"]
-mod shape;
-
-use shape::Column;
-pub(crate) use shape::Warming;
+use crate::bodies::Column;
+pub(crate) use crate::bodies::Warming;
 
 /// What the verb answered.
 pub(crate) struct Answer {

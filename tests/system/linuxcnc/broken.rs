@@ -68,10 +68,10 @@ fn a_write_that_comes_late_is_refused_and_moves_nothing() {
 #[test]
 fn a_component_that_hangs_and_goes_on_moves_nothing_by_more_than_a_step() {
     let mut bench = with(10.0);
-    bench.mill.reported("hang-component");
+    bench.mill.command("hang-component");
     bench.wants(16.0);
     bench.is_in_state("holding", "nobody answers");
-    bench.mill.reported("resume-component");
+    bench.mill.command("resume-component");
     bench.arrives_at(16.0);
     bench.mill.recorded().never_jump();
     bench.blames_nobody();
@@ -80,10 +80,10 @@ fn a_component_that_hangs_and_goes_on_moves_nothing_by_more_than_a_step() {
 #[test]
 fn a_component_that_is_loaded_anew_goes_on_from_the_offset_that_is_applied() {
     let mut bench = with(-20.0);
-    bench.mill.reported("kill-component");
+    bench.mill.command("kill-component");
     std::thread::sleep(Duration::from_secs(1));
     assert!((bench.mill.offset_um() + 20.0).abs() < 1e-3, "without it the machine stands");
-    bench.mill.reported("start-component");
+    bench.mill.command("start-component");
     bench.follows("it follows");
     bench.wants(-14.0);
     bench.arrives_at(-14.0);

@@ -39,9 +39,9 @@ impl Mill {
         self.running = runs(self.port);
     }
 
-    /// Tells it something; what it answers.
+    /// Sends LinuxCNC a line and returns its answer.
     #[track_caller]
-    pub(crate) fn reported(&mut self, line: &str) -> String {
+    pub(crate) fn command(&mut self, line: &str) -> String {
         use std::io::Write;
         writeln!(self.running.stdin(), "{line}").unwrap();
         let answer = self.running.hears_one_of(&["ok", "error"]);
@@ -52,7 +52,7 @@ impl Mill {
     /// The value of a pin.
     #[track_caller]
     pub(crate) fn pin(&mut self, name: &str) -> f64 {
-        let answer = self.reported(&format!("get {name}"));
+        let answer = self.command(&format!("get {name}"));
         match answer.as_str() {
             "TRUE" => 1.0,
             "FALSE" => 0.0,
@@ -70,7 +70,7 @@ impl Mill {
     pub(crate) fn records(&mut self) {
         self.recordings += 1;
         let file = self.recording();
-        self.reported(&format!("sample start {}", file.display()));
+        self.command(&format!("sample start {}", file.display()));
     }
 
     fn recording(&self) -> PathBuf {
@@ -80,7 +80,7 @@ impl Mill {
     /// Ends the recording.
     #[track_caller]
     pub(crate) fn recorded(&mut self) -> Samples {
-        self.reported("sample stop");
+        self.command("sample stop");
         let text = std::fs::read_to_string(self.recording()).unwrap();
         Samples::parse(&text, &COLUMNS)
     }

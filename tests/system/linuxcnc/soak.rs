@@ -10,7 +10,7 @@ use crate::linuxcnc::samples::Samples;
 /// Cuts for so long, and moves Z by this meanwhile.
 fn cuts(span: Duration, offset: impl Fn(f64) -> f64) -> Samples {
     let mut bench = Bench::start();
-    bench.mill.reported("run part.ngc");
+    bench.mill.command("run part.ngc");
     bench.mill.records();
     let clock = Clock::wall();
     let begun = clock.now();

@@ -14,7 +14,7 @@ fn comes_back(goes: &[&str], comes: &[&str]) -> Samples {
     bench.arrives_at(20.0);
     bench.mill.records();
     for line in goes {
-        bench.mill.reported(line);
+        bench.mill.command(line);
     }
     let port = bench.mill.port;
     until("the register is zero", || match modbus::z(&modbus::block(port)) {
@@ -23,7 +23,7 @@ fn comes_back(goes: &[&str], comes: &[&str]) -> Samples {
     });
     std::thread::sleep(Duration::from_millis(1500));
     for line in comes {
-        bench.mill.reported(line);
+        bench.mill.command(line);
     }
     bench.arrives_at(20.0);
     let samples = bench.mill.recorded();
@@ -51,7 +51,7 @@ fn a_machine_that_is_not_homed_waits() {
     let mut bench = Bench::start();
     bench.wants(8.0);
     bench.arrives_at(8.0);
-    bench.mill.reported("unhome");
+    bench.mill.command("unhome");
     bench.wants(14.0);
     // What was on its way when it was told.
     std::thread::sleep(Duration::from_millis(300));
@@ -64,7 +64,7 @@ fn a_machine_that_is_not_homed_waits() {
         "it moves unhomed: {first:?}"
     );
     assert!(first.request < 0.0135, "{first:?}");
-    bench.mill.reported("home");
+    bench.mill.command("home");
     bench.mill.records();
     bench.arrives_at(14.0);
     bench.mill.recorded().never_jump();

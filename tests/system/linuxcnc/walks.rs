@@ -9,7 +9,7 @@ use crate::linuxcnc::modbus;
 fn on_every_plateau_joint_page_and_register_agree_to_a_nanometre() {
     let mut bench = Bench::start();
     for (um, z) in [(5.0, 0.0), (-12.3, -10.0), (20.0, -3.5), (0.1, -20.0), (0.0, 0.0)] {
-        bench.mill.reported(&format!("mdi G0 Z{z}"));
+        bench.mill.command(&format!("mdi G0 Z{z}"));
         bench.mill.records();
         bench.wants(um);
         bench.arrives_at(um);
@@ -35,9 +35,11 @@ fn what_somebody_else_writes_switches_the_axis_off_and_the_control_word_says_so(
     let port = bench.mill.port;
     let enabled = |block: &[u16]| block[modbus::CONTROL] & 1;
     assert_eq!(enabled(&modbus::block(port)), 1);
-    crate::linuxcnc::process::until("somebody gets between two writes", || match modbus::writes(port, 75)[0] {
-        16 => Ok(()),
-        other => Err(format!("refused: {other}")),
+    crate::linuxcnc::process::until("somebody gets between two writes", || {
+        match modbus::writes(port, 75)[0] {
+            16 => Ok(()),
+            other => Err(format!("refused: {other}")),
+        }
     });
     bench.is_in_state("off", "the axis is off");
     crate::linuxcnc::process::until("the control word says so", || match enabled(&modbus::block(port)) {
@@ -46,9 +48,11 @@ fn what_somebody_else_writes_switches_the_axis_off_and_the_control_word_says_so(
     });
     assert_eq!(modbus::z(&modbus::block(port)), 75, "what he wrote is left alone");
     let beat = modbus::block(port)[modbus::HEARTBEAT];
-    crate::linuxcnc::process::until("the heartbeat goes on", || match modbus::block(port)[modbus::HEARTBEAT] {
-        same if same == beat => Err(same.to_string()),
-        _ => Ok(()),
+    crate::linuxcnc::process::until("the heartbeat goes on", || {
+        match modbus::block(port)[modbus::HEARTBEAT] {
+            same if same == beat => Err(same.to_string()),
+            _ => Ok(()),
+        }
     });
     let said = bench.said();
     assert!(said.iter().any(|line| line.contains("somebody else wrote 7.5 µm")), "{said:#?}");

@@ -42,7 +42,7 @@ fn no_key_of_the_schema_is_missing_from_the_reference() {
             text.split(&format!("\n## {}\n", heading(&name))).nth(1).unwrap_or_else(|| panic!("no {name}"));
         let section = section.split("\n## ").next().unwrap();
         for key in table["properties"].as_object().unwrap().keys() {
-            let rows = [format!("\n| `{key}` |"), format!("\n| **`{key}`** |")];
+            let rows = [format!("\n| `{key}` "), format!("\n| **`{key}`** ")];
             assert!(rows.iter().any(|row| section.contains(row)), "{name} lacks {key}");
             count += 1;
         }
@@ -120,7 +120,8 @@ fn heading(place: &str) -> String {
 fn profile() -> String {
     let mut text = "# The profile: every key\n\n\
         This chapter is made from the schema (`isotherm schema`), and a test compares both: change the key's comment in\n\
-        `crates/profile/src/tables`, then `TEST_WRITES_MANUAL=1 cargo test --test manual`. Keys in bold must be there. A duration is\n\
+        `crates/profile/src/tables`, then `TEST_WRITES_MANUAL=1 cargo test --features full --test verbs generated`. Keys in bold must be there. A [layer](settings.md)\n\
+        does not change a key with ◆, or only makes it tighter, unless `allow_override` names it. A duration is\n\
         a text as \"250ms\", \"5s\" or \"10min\". What the keys are for, with examples, is in the chapters on [lines](serial.md),\n\
         [CAN](can.md), [models](models.md), [probing](probing.md), [the control](control.md) and [the page](page.md).\n"
         .to_owned();
@@ -140,6 +141,8 @@ fn profile() -> String {
         for (key, value) in table["properties"].as_object().unwrap() {
             let shown =
                 if required.contains(&key.as_str()) { format!("**`{key}`**") } else { format!("`{key}`") };
+            let rule = value.get("x-layers").or(table.get("x-layers")).filter(|rule| *rule != "free");
+            let shown = if rule.is_some() { format!("{shown} ◆") } else { shown };
             let about =
                 value["description"].as_str().or_else(|| definition(value)?.1["description"].as_str());
             let about = cell(about.unwrap_or_default());
@@ -223,7 +226,7 @@ fn templates() -> String {
     let file = |name: &str| read(format!("profiles/devices/{name}.toml"));
     let read = |name: &str| -> toml::Table { file(name).parse().unwrap() };
     let mut text = "# The shipped device templates\n\n\
-        This chapter is made from `profiles/devices`, and a test compares both: `TEST_WRITES_MANUAL=1 cargo test --test manual`.\n\
+        This chapter is made from `profiles/devices`, and a test compares both: `TEST_WRITES_MANUAL=1 cargo test --features full --test verbs generated`.\n\
         How a profile uses them is in [device templates](templates.md). None has been tried on its device by us.\n\n\
         | template | what it is | line | the profile says |\n|---|---|---|---|\n"
         .to_owned();

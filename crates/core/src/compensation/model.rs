@@ -150,7 +150,7 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// Of µm and µm/mm as they were computed.
+    /// Checks a computed Cz in µm and slope in µm/mm: both must be finite.
     pub(super) fn of(cz: f64, slope: f64) -> Result<Outputs, Unusable> {
         let outputs = Micron::new(cz).zip(MicronPerMillimetre::new(slope));
         outputs.map(|(cz, slope)| Outputs { cz, slope, apart: Micron::ZERO }).ok_or(Unusable::NotANumber)

@@ -34,10 +34,14 @@ mod certainty;
 mod gains;
 mod learned;
 mod remembered;
+mod report;
+
+use report::TakenReports;
 
 pub(super) use certainty::Occasion;
 pub(super) use learned::Learned;
 pub(super) use remembered::ProbeRemembered;
+pub use report::{MeasuredReport, Rejected};
 
 /// How many residuals are kept for people: two days of one an hour.
 const KEPT: usize = 48;
@@ -103,6 +107,8 @@ pub struct Probe {
     pub(super) models: Vec<Learned>,
     last: Option<Probed>,
     history: VecDeque<Residual>,
+    /// What senders have reported.
+    pub(super) reports: TakenReports,
 }
 
 impl Probe {
@@ -111,6 +117,7 @@ impl Probe {
             models: models.iter().map(|model| Learned::new(model, settings)).collect(),
             last: None,
             history: VecDeque::with_capacity(if settings.is_some() { KEPT } else { 0 }),
+            reports: TakenReports::default(),
         }
     }
 

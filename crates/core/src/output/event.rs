@@ -40,7 +40,7 @@ pub enum Event {
         /// What does.
         found: Counts,
     },
-    /// Whose part of a shared register is what cannot be known: the axis is off until a person decides.
+    /// Operator offset and gateway share of a register cannot be known. The axis is off until the operator confirms.
     Doubted {
         /// Why.
         doubt: Doubt,

@@ -14,7 +14,7 @@ use crate::quantity::{Counts, Moment, shifted};
 pub struct Kept {
     /// The process ended when nothing was under way, and nothing was written since.
     pub in_order: bool,
-    /// Whose part is what, where the register is shared.
+    /// Operator offset and gateway share of a shared register.
     pub account: Option<Account>,
     /// What stood there last: of an output that cannot be read, what was acknowledged last.
     pub stood: Option<Counts>,

@@ -80,7 +80,7 @@ pub struct Shown {
     pub verified: Option<Seen>,
     /// It was only acknowledged, not read.
     pub is_only_acknowledged: bool,
-    /// Whose part is what, where the register is shared.
+    /// Operator offset and gateway share of a shared register.
     pub account: Option<Account>,
     /// Whether it may be written.
     pub standing: Standing,

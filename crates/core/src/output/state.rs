@@ -27,7 +27,7 @@ pub struct State {
     pub(super) verified: Option<Seen>,
     /// What was answered as done since then.
     pub(super) answered: Option<Counts>,
-    /// Whose part is what in a shared register, once that is known.
+    /// Operator offset and gateway share of a shared register, once they are known.
     pub(super) account: Option<Account>,
     pub(super) standing: Standing,
     pub(super) is_interlocked: bool,

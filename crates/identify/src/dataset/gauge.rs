@@ -7,6 +7,7 @@ use isotherm_core::quantity::{Moment, time};
 use jiff::tz::TimeZone;
 
 use super::{BadLog, Column, Dataset, Kind, Run, Split, every_column, read_table};
+use isotherm_profile::duration_text;
 
 /// As [`Dataset::add_gauge`].
 pub(super) fn add(
@@ -48,7 +49,7 @@ pub(super) fn add(
             None => far.push(gauge.lines.of(place)),
         }
     }
-    let shown = humantime::format_duration(within);
+    let shown = duration_text(within);
     if far.len() == read {
         let [of_gauge, of_logs] =
             [span(&mut gauge.times.iter()), span(&mut dataset.runs.iter().flat_map(|run| &run.times))];

@@ -14,6 +14,7 @@ use crate::select::Counted;
 use crate::stand_in::StandIn;
 use crate::validate::Means;
 use isotherm_core::compensation::settings::{AxisSettings, OnFault};
+use isotherm_profile::counted;
 
 /// Most bars; all terms stand in the table.
 const MOST_BARS: usize = 30;
@@ -148,10 +149,10 @@ pub(super) fn stand_ins(found: &Identified) -> Markup {
     let figures = |means: &Means| [means.mean_range_um, means.worst_range_um, means.mean_rmse_um].map(number);
     let of_sensor = |stand_in: &StandIn| {
         let others = stand_in.terms.iter().map(|(signal, ..)| signal).collect::<BTreeSet<_>>().len();
-        (stand_in.signal.clone(), stand_in.means, format!("its value from {others} others"))
+        (stand_in.signal.clone(), stand_in.means, format!("its value from {}", counted(others, "other")))
     };
     let of_model = |fallback: &Fallback| {
-        let kind = format!("{} without it, {} terms", fallback.kind(), fallback.terms.len());
+        let kind = format!("{} without it, {}", fallback.kind(), counted(fallback.terms.len(), "term"));
         (fallback.without.clone(), fallback.means, kind)
     };
     let used = found.stand_ins.iter().filter(|stand_in| stand_in.stands_in).map(of_sensor);

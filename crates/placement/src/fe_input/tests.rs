@@ -155,7 +155,7 @@ fn a_decimal_comma_is_reported_as_one() {
     }
 }
 
-/// FeInputs that CalculiX computes in silence, stops at, or crashes on; each ends here with where and what.
+/// FE input files that CalculiX accepts without a warning, stops at, or crashes on. Each is refused here with place and cause.
 #[test]
 fn what_is_wrong_is_said_with_line_card_and_remedy() {
     let transient = "*HEAT TRANSFER\n10, 100";

@@ -1,5 +1,6 @@
 //! What arrives below `GROUP/MACHINE/command`.
 
+use isotherm_core::compensation::MeasuredReport;
 use serde::Deserialize;
 
 use crate::seam::{Command, Outcome};
@@ -15,6 +16,17 @@ struct Measured {
     axis: String,
     /// Actual minus commanded, µm, while the compensation acts.
     error_um: f64,
+    time: Option<String>,
+    id: Option<String>,
+}
+
+impl Measured {
+    fn command(payload: &[u8]) -> Result<Command, String> {
+        let Measured { axis, error_um, time, id } =
+            serde_json::from_slice(payload).map_err(|error| error.to_string())?;
+        let report = MeasuredReport::new(error_um, time.as_deref(), id.as_deref())?;
+        Ok(Command::Measured { axis, report })
+    }
 }
 
 /// What this command asks for, or why it is not done.
@@ -29,8 +41,8 @@ pub(super) fn read(command: &str, payload: &[u8]) -> Outcome {
     if payload.len() > LONGEST {
         return refused(format!("{} bytes are no measured error", payload.len()));
     }
-    match serde_json::from_slice::<Measured>(payload) {
-        Ok(Measured { axis, error_um }) => Outcome::Asked(Command::Measured { axis, error_um }),
+    match Measured::command(payload) {
+        Ok(command) => Outcome::Asked(command),
         Err(error) => refused(format!(
             "send {{ \"axis\": \"z\", \"error_um\": 3.2 }}, a number in µm, actual minus commanded ({error})"
         )),

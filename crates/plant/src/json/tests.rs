@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::seam::{Command, Importance, Outcome};
+use isotherm_core::compensation::MeasuredReport;
 
 fn settings() -> JsonSettings {
     JsonSettings {
@@ -120,7 +121,13 @@ fn nothing_is_asked_for_unless_the_profile_says_so_and_nothing_moves() {
         reaction.outcome.unwrap()
     };
     let measured = outcome("plant/press/command/measured", r#"{"axis":"z","error_um":-3.5}"#);
-    assert_eq!(measured, Outcome::Asked(Command::Measured { axis: "z".into(), error_um: -3.5 }));
+    assert_eq!(measured, Outcome::Asked(Command::Measured { axis: "z".into(), report: (-3.5).into() }));
+    let named = outcome(
+        "plant/press/command/measured",
+        r#"{"axis":"z","error_um":1,"time":"2026-01-31T12:00:00Z","id":"a"}"#,
+    );
+    let report = MeasuredReport::new(1.0, Some("2026-01-31T12:00:00Z"), Some("a")).unwrap();
+    assert_eq!(named, Outcome::Asked(Command::Measured { axis: "z".into(), report }));
     let long = format!(r#"{{"axis":"{}","error_um":1}}"#, "z".repeat(2000));
     for (topic, payload, why) in [
         ("plant/press/command/arm", "{}", "nothing but measured errors"),
@@ -129,6 +136,8 @@ fn nothing_is_asked_for_unless_the_profile_says_so_and_nothing_moves() {
         ("plant/press/command/measured", "3.5", "send {"),
         ("plant/press/command/measured", r#"{"axis":"z","error_um":"3"}"#, "send {"),
         ("plant/press/command/measured", r#"{"axis":"z","error_um":3,"arm":true}"#, "send {"),
+        ("plant/press/command/measured", r#"{"axis":"z","error_um":3,"id":""}"#, "write `id` as"),
+        ("plant/press/command/measured", r#"{"axis":"z","error_um":3,"time":"noon"}"#, "write `time` as"),
         ("plant/press/command/measured", &long, "are no measured error"),
     ] {
         let Outcome::Refused { why: said, .. } = outcome(topic, payload) else { panic!("{topic} is taken") };

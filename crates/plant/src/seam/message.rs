@@ -1,5 +1,7 @@
 //! Messages to a broker, and what comes of those from it.
 
+use isotherm_core::compensation::MeasuredReport;
+
 /// A message to a broker.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Message {
@@ -65,7 +67,15 @@ pub enum Command {
     Measured {
         /// The axis's name in the profile.
         axis: String,
-        /// Actual minus commanded, µm.
-        error_um: f64,
+        /// The error, and which measurement it is of.
+        report: MeasuredReport,
     },
+}
+
+impl Command {
+    /// The sender says which measurement it is of.
+    pub fn is_identified(&self) -> bool {
+        let Command::Measured { report, .. } = self;
+        report.is_identified()
+    }
 }

@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
+use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::Moment;
 
 use super::born::{Born, REBIRTH, axes, measured, measured_axis, milliseconds};
 use super::datum::{DataType, Datum};
-use super::payload::{Metric, Payload, Raw};
+use super::payload::{Metric, Payload, PropertyRaw, Raw};
 use crate::seam::{Command, Outcome, Snapshot};
 
 /// A measured error that is older is of another Cz than the one that stands now.
@@ -88,10 +89,35 @@ fn other(
     if let Err(why) = is_of_now(sent, now) {
         return refused(&command, why);
     }
-    match error_of(metric) {
-        Some(error_um) => Outcome::Asked(Command::Measured { axis: axis.to_owned(), error_um }),
-        None => refused(&command, "its value is no number of micrometres (Double or Float)".to_owned()),
+    let Some(error_um) = error_of(metric) else {
+        return refused(&command, "its value is no number of micrometres (Double or Float)".to_owned());
+    };
+    match report_of(metric, error_um) {
+        Ok(report) => Outcome::Asked(Command::Measured { axis: axis.to_owned(), report }),
+        Err(why) => refused(&command, why),
     }
+}
+
+/// The error with the properties `time`, as text or in milliseconds since 1970, and `id`.
+fn report_of(metric: &Metric, error_um: f64) -> Result<MeasuredReport, String> {
+    let time = match property(metric, "time") {
+        Some(PropertyRaw::Long(milliseconds)) => Some(format!("{milliseconds}e-3")),
+        time => text_of(time),
+    };
+    let id = text_of(property(metric, "id"));
+    MeasuredReport::new(error_um, time.as_deref(), id.as_deref())
+}
+
+fn property<'a>(metric: &'a Metric, key: &str) -> Option<&'a PropertyRaw> {
+    let properties = metric.properties.as_ref()?;
+    let place = properties.keys.iter().position(|known| known == key)?;
+    let property = properties.values.get(place).filter(|property| property.is_null != Some(true))?;
+    property.value.as_ref()
+}
+
+/// A value that is no text is none that can be read.
+fn text_of(value: Option<&PropertyRaw>) -> Option<String> {
+    value.map(|value| if let PropertyRaw::String(text) = value { text.clone() } else { String::new() })
 }
 
 fn is_of_now(sent: Option<u64>, now: Moment) -> Result<(), String> {

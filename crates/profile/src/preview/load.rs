@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use super::traffic::{Exchange, traffic};
 use crate::document::Section;
+use crate::wording::counted;
 use crate::{Bus, BusId, Device, Profile, ProfileError, Transport};
 
 /// What a device of today needs to begin its answer, its network included.
@@ -167,10 +168,9 @@ impl Load {
     /// `load 241 % (polls 1 %, writes 240 %), up to 241 exchanges a second at 10 ms an answer`.
     fn asked_of_it(&self) -> String {
         let answer = if self.is_serial { "for a device to begin its answer" } else { "an answer" };
-        let exchanges = figure(self.exchanges_per_second);
-        let plural = if exchanges == "1" { "" } else { "s" };
+        let exchanges = counted(figure(self.exchanges_per_second), "exchange");
         format!(
-            "load {} % (polls {} %, writes {} %), up to {exchanges} exchange{plural} a second at {} ms {answer}",
+            "load {} % (polls {} %, writes {} %), up to {exchanges} a second at {} ms {answer}",
             figure(self.percent),
             figure(self.polls_percent),
             figure(self.writes_percent),

@@ -2,9 +2,8 @@
 
 use std::time::Duration;
 
-use humantime::format_duration;
-
 use crate::document::Section;
+use crate::wording::duration_text;
 use crate::{OnStop, Profile, stop};
 
 pub(super) fn preview(profile: &Profile) -> Section {
@@ -19,7 +18,7 @@ pub(super) fn preview(profile: &Profile) -> Section {
     };
     let (longest, late) = (whole(longest), late.map(whole));
     let after = late.map_or(String::new(), |late| {
-        format!(", and {} more where a write that was not answered may still arrive", format_duration(late))
+        format!(", and {} more where a write that was not answered may still arrive", duration_text(late))
     });
     let last = match (&profile.mqtt, profile.notify.is_empty()) {
         (Some(_), true) => "the broker has the last state",
@@ -28,9 +27,9 @@ pub(super) fn preview(profile: &Profile) -> Section {
     };
     let told = stop::told(profile);
     let until =
-        told.map_or(String::new(), |span| format!(", then at most {} until {last}", format_duration(span)));
+        told.map_or(String::new(), |span| format!(", then at most {} until {last}", duration_text(span)));
     section.line("stop");
-    section.line(format!("  {does}: at most {}{after}{until}", format_duration(longest)));
+    section.line(format!("  {does}: at most {}{after}{until}", duration_text(longest)));
     section.entry("on_stop", profile.on_stop.word());
     section.entry("longest_s", longest.as_secs());
     section.entry("late_s", late.map(|late| late.as_secs()));

@@ -8,7 +8,7 @@ use super::label::{self, labelled};
 use crate::Profile;
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
-use isotherm_core::compensation::model::Model;
+use isotherm_core::compensation::model::{Model, Reference};
 use isotherm_core::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, OnFault};
 use isotherm_core::quantity::{Micron, MicronPerSecond};
 use model::RawModel;
@@ -28,13 +28,13 @@ pub(crate) struct RawAxis {
     /// What people call it, in any script: shown beside the name.
     label: Option<String>,
     /// Largest |Cz|, µm.
-    #[schemars(required)]
+    #[schemars(required, extend("x-layers" = "less"))]
     limit: Option<f64>,
     /// Largest change of one update, µm.
-    #[schemars(required)]
+    #[schemars(required, extend("x-layers" = "less"))]
     pub(super) step: Option<f64>,
     /// Largest speed, µm/s.
-    #[schemars(required)]
+    #[schemars(required, extend("x-layers" = "less"))]
     rate: Option<f64>,
     /// A smaller change is not made, µm. Default 0.
     deadband: Option<f64>,
@@ -42,7 +42,7 @@ pub(crate) struct RawAxis {
     #[schemars(required)]
     pub(super) every: Option<Timespan>,
     /// What happens when no model or no output can be used.
-    #[schemars(required)]
+    #[schemars(required, extend("x-layers" = "same"))]
     on_fault: Option<FaultAction>,
     /// Told once when |Cz| passes it, µm; at most `limit`.
     warn: Option<f64>,
@@ -52,6 +52,7 @@ pub(crate) struct RawAxis {
     /// zero: Cz is measured from what the model asked for at the last zero. Default: from the model's own zero.
     datum: Option<DatumWord>,
     /// A lathe's X: the offset acts on the diameter, Cz is doubled when written. Default false.
+    #[schemars(extend("x-layers" = "arrives"))]
     diameter: Option<bool>,
     /// Measured errors correct the models.
     probe: Option<RawProbe>,
@@ -164,6 +165,12 @@ impl Axis {
     /// Whether there is a way to compute its Cz yet; without one it stays off.
     pub fn has_model(&self) -> bool {
         !self.settings.models.is_empty()
+    }
+
+    /// Whether a zero changes what its Cz is measured from: its datum, or the reference of an input of its models.
+    pub fn counts_from_zero(&self) -> bool {
+        let mut inputs = self.settings.models.iter().flat_map(Model::rises);
+        self.settings.datum == Datum::Zero || inputs.any(|input| input.reference == Reference::Zero)
     }
 
     /// Whether some model of it says how wrong it is expected to be.

@@ -6,9 +6,10 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::quirks::{Quirks, RawQuirks};
-use super::{At, Check, host_of, sysfs};
+use super::{At, Check, sysfs};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
+use crate::host_port::host_and_port;
 use isotherm_core::codec::CanId;
 use opcua::{OpcUa, RawUser, Security};
 use periods::{Due, TIMEOUT};
@@ -29,6 +30,10 @@ const LONGEST_NAME: usize = 15;
 /// What `pipeline = 2` cannot be together with.
 pub(super) const APART: &str =
     "two questions in one go have neither a pause nor a connection of their own between them";
+/// The usual port of Modbus TCP.
+const USUAL: u16 = 502;
+/// Host and port, as an example.
+const EXAMPLE: &str = "192.168.0.10:502";
 /// SYNC, where nothing else is said.
 const SYNC: u32 = 0x80;
 
@@ -72,6 +77,7 @@ pub(crate) struct RawBus {
     /// Network interface of a CAN line: "can0".
     interface: Option<String>,
     /// SYNC that is sent on a CAN line. Default: none.
+    #[schemars(extend("x-layers" = "arrives"))]
     sync: Option<RawSync>,
     /// What protects the messages of an opcua line: the strongest way that both ends know. Required.
     security: Option<Security>,
@@ -282,7 +288,8 @@ impl RawBus {
         let late = self.late(&at.key("late"), timeout, transport.late(timeout));
         let tls = self.tls.as_ref().filter(|_| kind == BusType::ModbusTcp).map(|tls| {
             // Its files are looked at even where the address is wrong.
-            let host = address.as_deref().and_then(host_of).unwrap_or("localhost");
+            let host = address.as_deref().and_then(|address| host_and_port(address).ok());
+            let host = host.map_or("localhost", |(host, _)| host);
             tls.resolve(&at.key("tls"), host)
         });
         let tls = match tls {
@@ -359,27 +366,35 @@ impl RawBus {
         };
         if let Some((scheme, rest)) = address.split_once("://") {
             let host = rest.split(['/', '?']).next().unwrap_or_default();
-            let host = if host_of(host).is_some() { host.to_owned() } else { format!("{host}:502") };
+            let host = match host_and_port(host) {
+                Ok((_, Some(_))) => host.to_owned(),
+                Ok((host, None)) => format!("{host}:{USUAL}"),
+                Err(why) => why.meant(USUAL).unwrap_or_else(|| EXAMPLE.to_owned()),
+            };
             let help = format!("write host and port alone, as \"{host}\"; `type` says what the line speaks");
             at.wrong(format!("`{address}` is a URL (`{scheme}`), and no host and port"), help);
             return None;
         }
-        let host = host_of(address).unwrap_or(address);
+        let place = host_and_port(address);
+        let host = place.as_ref().map_or(address.as_str(), |(host, _)| host);
         let is_numbers = host.contains('.') && host.chars().all(|c| c.is_ascii_digit() || c == '.');
         if is_numbers && host.parse::<std::net::Ipv4Addr>().is_err() {
             let help = "write four numbers of 0 to 255, as \"192.168.0.10:502\"";
             at.wrong(format!("`{host}` is no address"), help);
             return None;
         }
-        if self.tls.is_some() && !address.is_empty() && !address.contains(':') {
-            return Some(format!("{address}:{TLS_PORT}"));
-        }
-        if host_of(address).is_none() {
-            let help = format!("write host and port, as \"{address}:502\"; 502 is Modbus TCP's usual port");
-            at.wrong(format!("`{address}` is no host and port"), help);
-            return None;
-        }
-        Some(address.clone())
+        let example = match place {
+            Ok((_, Some(_))) => return Some(address.clone()),
+            Ok((host, None)) if self.tls.is_some() => return Some(format!("{host}:{TLS_PORT}")),
+            Ok((host, None)) => format!("{host}:{USUAL}"),
+            Err(_) => EXAMPLE.to_owned(),
+        };
+        let help = place.err().and_then(|why| why.help(USUAL, str::to_owned));
+        let help = help.unwrap_or_else(|| {
+            format!("write host and port, as \"{example}\"; {USUAL} is Modbus TCP's usual port")
+        });
+        at.wrong(format!("`{address}` is no host and port"), help);
+        None
     }
 
     fn interface(&self, at: &At<'_>) -> Option<String> {

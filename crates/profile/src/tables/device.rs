@@ -30,9 +30,10 @@ pub(crate) mod verify;
 /// One unit on a line.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "Device")]
+#[schemars(rename = "Device", extend("x-layers" = "arrives"))]
 pub(crate) struct RawDevice {
     /// What people call it, in any script: shown beside the name.
+    #[schemars(extend("x-layers" = "free"))]
     label: Option<String>,
     /// The line it hangs on.
     #[schemars(required)]
@@ -40,6 +41,7 @@ pub(crate) struct RawDevice {
     /// Modbus unit identifier; required on a Modbus line.
     unit: Option<u8>,
     /// Poll period of its signals. Default "1s".
+    #[schemars(extend("x-layers" = "free"))]
     pub(super) every: Option<Timespan>,
     /// A device template that gives channels their registers, types and sentinels.
     template: Option<String>,
@@ -58,6 +60,7 @@ pub(crate) struct RawDevice {
     /// The only function codes it may be sent. Default: all.
     functions: Option<Vec<Function>>,
     /// What it needs to be treated like, over the bus's quirks.
+    #[schemars(extend("x-layers" = "free"))]
     quirks: Option<RawQuirks>,
     /// CAN: a DBC file beside the profile that describes its frames.
     pub(super) dbc: Option<String>,
@@ -68,17 +71,21 @@ pub(crate) struct RawDevice {
     pub(super) node: Option<u8>,
     /// OPC UA: what the time says that the server stamps a value with. "sampled": when it was measured, so that the reading is
     /// as old as that. "changed": when it changed last, which says nothing of its age. Default "sampled".
+    #[schemars(extend("x-layers" = "free"))]
     source_time: Option<SourceTime>,
     /// OPC UA: how its signals come. "poll": they are asked for. "subscription": the server looks at them and sends what has changed,
     /// both once in `every`. Default "poll".
+    #[schemars(extend("x-layers" = "free"))]
     read: Option<ReadBy>,
     /// CANopen: whether it is started by NMT, at the beginning and after each boot-up. Default true.
     start: Option<bool>,
     /// CANopen: its heartbeat missed this long, or never seen this long, is a fault. Default: not watched.
+    #[schemars(extend("x-layers" = "free"))]
     heartbeat: Option<Timespan>,
     /// CANopen: objects written before each start, in this order.
     setup: Option<Vec<RawSetup>>,
     /// CANopen: what its emergency codes mean, beside those of CiA 301.
+    #[schemars(extend("x-layers" = "free"))]
     emergency: Option<Vec<RawEmergency>>,
     /// Registers (CANopen: objects) read before arming; a mismatch refuses to arm.
     verify: Option<Vec<RawVerify>>,
@@ -148,6 +155,11 @@ impl Device {
             None => format!(" (unit {})", self.unit),
             Some(can) => can.node.map_or(String::new(), |node| format!(" (node {node})")),
         }
+    }
+
+    /// Whether something is read or set up before the device is used: its `verify`, or the setup list of a CANopen node.
+    pub fn is_checked(&self) -> bool {
+        !self.verify.is_empty() || self.can.as_ref().is_some_and(|can| !can.setup.is_empty())
     }
 
     /// What is read from it, what is read before arming, and what it has from its template.

@@ -20,7 +20,7 @@ const FEW: u16 = 100;
 /// A register, or a node of an OPC UA server, that counts while the gateway lives.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "Heartbeat")]
+#[schemars(rename = "Heartbeat", extend("x-layers" = "arrives"))]
 pub(crate) struct RawHeartbeat {
     /// The device it is written to.
     #[schemars(required)]
@@ -33,7 +33,7 @@ pub(crate) struct RawHeartbeat {
     #[serde(rename = "type")]
     kind: Option<TypeWord>,
     /// How often it counts.
-    #[schemars(required)]
+    #[schemars(required, extend("x-layers" = "free"))]
     pub(super) every: Option<Timespan>,
 }
 

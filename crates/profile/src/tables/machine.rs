@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::{At, label};
 use crate::duration::Timespan;
 use crate::error::allowed;
-use crate::overridden::guard_keys;
+use crate::guarded::guarded_keys;
 use isotherm_core::compensation::settings::MachineSettings;
 
 /// What the machine is.
@@ -37,8 +37,9 @@ pub(crate) struct RawMachine {
     arm_timeout: Option<Timespan>,
     /// What a stop does to the registers: the axes' fault actions run, or what stands there stays. Default "fault-action".
     on_stop: Option<OnStop>,
-    /// Guard keys that a layer above this file may loosen, as "axis.z.limit": `limit`, `step`, `rate` and `on_fault` of an axis,
-    /// and "machine.arm". Default: none; layers may make limits smaller, and `arm` "manual".
+    /// Keys that a layer above this file may set though they guard an axis, as "axis.z.limit" and "machine.arm", or change what
+    /// arrives at the machine, as "output.cnc_z.scale": those that are marked in this chapter. Default: none; layers may make
+    /// `limit`, `step` and `rate` smaller, and `arm` "manual".
     allow_override: Option<Vec<String>>,
 }
 
@@ -125,13 +126,8 @@ pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
         let message = "a request to arm would wait for more than a day".to_owned();
         at.key("arm_timeout").wrong(message, "write at most \"24h\"");
     }
-    let list = at.key("allow_override");
-    let guards = guard_keys(&at.check.axes.names);
-    for (place, key) in raw.allow_override.iter().flatten().enumerate() {
-        if !guards.contains(key) {
-            let help = allowed(key, guards.iter().map(String::as_str));
-            list.item(place).wrong(format!("`{key}` is no key that guards an axis"), help);
-        }
+    if let Some(keys) = &raw.allow_override {
+        only_guarded(&at.key("allow_override"), keys);
     }
     Machine {
         name,
@@ -141,5 +137,23 @@ pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
         arm: raw.arm.unwrap_or_default(),
         arm_timeout,
         on_stop: raw.on_stop.unwrap_or_default(),
+    }
+}
+
+/// Each of these keys is one that a layer would otherwise not set.
+fn only_guarded(at: &At<'_>, keys: &[String]) {
+    let check = at.check;
+    let guarded = guarded_keys(&[
+        ("axis", &check.axes.names),
+        ("output", &check.outputs.names),
+        ("set", &check.sets.names),
+        ("heartbeat", &[]),
+        ("bus", &check.buses.names),
+        ("device", &check.devices.names),
+        ("signal", &check.signals.names),
+    ]);
+    for (place, key) in keys.iter().enumerate().filter(|(_, key)| !guarded.contains(key)) {
+        let help = allowed(key, guarded.iter().map(String::as_str));
+        at.item(place).wrong(format!("`{key}` is no key that layers may not set"), help);
     }
 }

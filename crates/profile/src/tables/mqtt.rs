@@ -158,7 +158,7 @@ impl Mqtt {
 impl RawMqtt {
     pub(super) fn resolve(&self, at: &At<'_>) -> Option<Mqtt> {
         let broker = self.broker.as_ref().and_then(|broker| {
-            let wrong = |(message, help): (String, &str)| at.key("broker").wrong(message, help);
+            let wrong = |(message, help)| at.key("broker").wrong(message, help);
             BrokerUrl::parse(broker).map_err(wrong).ok()
         });
         let format = self.format.unwrap_or_default();

@@ -32,10 +32,10 @@ pub const CLOCK: &str = "clock";
 /// What can be posted: the five words above, and every kind of event. What people ask for most comes first, because of a word
 /// that is none a part of the list is shown.
 #[rustfmt::skip]
-pub const TRIGGERS: [&str; 102] = [
+pub const TRIGGERS: [&str; 105] = [
     ALARM, ALARM_OVER, AXIS_OFF, UNVERIFIED, CLOCK, "axis-state", "disarmed", "armed", "arm-refused", "arm-ended",
     "waits-to-arm", "goes-on", "device-lost", "device-back", "link-down", "link-up", "bus-trouble", "bus-well", "signal-bad",
-    "signal-good", "write-failed", "verify-failed", "verified", "not-applied", "foreign-change", "heartbeat-failed",
+    "signal-good", "write-failed", "read-failed", "verify-failed", "verified", "not-applied", "foreign-change", "heartbeat-failed",
     "heartbeat-written", "cnc-restarted", "cnc-booted", "extrapolating", "interpolating", "model-ages", "at-limit", "warned",
     "beyond-error", "saturated", "frozen", "stood-in", "stand-in-over", "clock-set", "clock-doubtful", "certificate-expires",
     "certificate-expired", "task-failed", "not-as-expected", "as-expected", "emergency", "emergency-over", "node-reset",
@@ -43,8 +43,8 @@ pub const TRIGGERS: [&str; 102] = [
     "perhaps-from-before", "waits-for-late-write", "not-read-back", "acknowledge-early", "acknowledge-missing",
     "acknowledge-not-read", "acknowledge-stuck", "strobe-not-written", "strobe-not-dropped", "probed", "probe-refused",
     "probe-forgotten", "sign-checked", "sign-ended", "rereferenced", "machine-started", "zeroed", "overrun",
-    "pipeline-given-up", "subscription", "stood-still", "started", "stopping", "stopped", "template-changed", "not-kept",
-    "kept-again", "not-believed", "taken-from-earlier", "events-lost", "events-full", "logs-deleted", "page-closed",
+    "pipeline-given-up", "subscription", "stood-still", "started", "stopping", "stopped", "template-changed", "not-exclusive", "not-kept",
+    "kept-again", "not-believed", "handover-refused", "taken-from-earlier", "events-lost", "events-full", "logs-deleted", "page-closed",
     "page-open", "token-changed", "token-gone", "notify-failed", "notify-back", "notify-dropped", "broker-down", "broker-up", "broker-dropped", "broker-not-kept", "command",
     "command-refused", "command-dropped",
 ];

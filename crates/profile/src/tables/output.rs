@@ -14,6 +14,7 @@ use super::signal::ChannelValue;
 use super::{At, Check, expression, opcua, sysfs};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
+use crate::wording::counted;
 use crate::{AxisId, DeviceId, Profile, SetId};
 use applied::{Applied, ReadBackValue};
 use display::{Display, RawBeside, RawStale};
@@ -21,19 +22,21 @@ use isotherm_core::codec::{Address, DataType, Encoding, Node, Scale, Table};
 use isotherm_core::compensation::model::Condition;
 use isotherm_core::reading::SignalId;
 use share::Share;
+use stated::Stated;
 use verify::{Verify, VerifyWord};
 use writes::{Writes, WritesWord};
 
 pub(crate) mod applied;
 pub(crate) mod display;
 pub(crate) mod share;
+pub(crate) mod stated;
 pub(crate) mod verify;
 pub(crate) mod writes;
 
 /// One value that is written.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "Output")]
+#[schemars(rename = "Output", extend("x-layers" = "arrives"))]
 pub(crate) struct RawOutput {
     /// Whose Cz.
     #[schemars(required)]
@@ -78,6 +81,7 @@ pub(crate) struct RawOutput {
     /// How a write is believed. Default "read-back".
     verify: Option<VerifyWord>,
     /// Written again after this long though unchanged.
+    #[schemars(extend("x-layers" = "free"))]
     pub(super) refresh: Option<Timespan>,
     /// Interlock, a condition on signals: otherwise held.
     when: Option<String>,
@@ -130,6 +134,8 @@ pub struct Output {
     pub applied: Option<Applied>,
     /// What a display shows beside the value, and instead of it.
     pub display: Display,
+    /// What the profile states of it, if layers lie above the profile.
+    pub stated: Option<Stated>,
 }
 
 impl Output {
@@ -176,8 +182,7 @@ impl Output {
             line += &format!(", bias {}", encoding.bias);
         }
         if function != 0 {
-            let plural = if registers == 1 { "" } else { "s" };
-            line += &format!("; function {function:02}, {registers} register{plural}");
+            line += &format!("; function {function:02}, {}", counted(registers, "register"));
         }
         let mut section = Section::default();
         section.line(line);
@@ -221,7 +226,7 @@ impl Output {
         let when = self.when.as_ref().map(|condition| &condition.text);
         section.entry("when", when);
         let restart = self.restart(profile);
-        section.lines("    read anew, and Cz goes on from there, when ", &restart);
+        section.lines("    read again, and Cz resumes from the value read, when ", &restart);
         section.entry("restart", restart);
         section.line(match when {
             Some(when) => format!("    only when {when}, otherwise held"),
@@ -295,6 +300,7 @@ impl RawOutput {
             share,
             applied,
             display,
+            stated: None,
         })
     }
 

@@ -24,7 +24,7 @@ mod words;
 /// Outputs of one device that a control must see together or not at all.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "Set")]
+#[schemars(rename = "Set", extend("x-layers" = "arrives"))]
 pub(crate) struct RawSet {
     /// A holding register that counts up with every whole set, written last: the control takes the set when it changes. Not
     /// of an OPC UA server.

@@ -28,9 +28,10 @@ pub(crate) mod unit;
 /// One value that is read.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "Signal")]
+#[schemars(rename = "Signal", extend("x-layers" = "arrives"))]
 pub(crate) struct RawSignal {
     /// What people call it, in any script: shown beside the name.
+    #[schemars(extend("x-layers" = "free"))]
     label: Option<String>,
     /// Where it is read.
     #[schemars(required)]
@@ -66,14 +67,19 @@ pub(crate) struct RawSignal {
     #[schemars(schema_with = "units")]
     unit: Option<String>,
     /// Smallest and largest believable value, in the unit; outside: bad.
+    #[schemars(extend("x-layers" = "free"))]
     range: Option<[f64; 2]>,
     /// Fastest believable change, units per second; faster: bad.
+    #[schemars(extend("x-layers" = "free"))]
     max_rate: Option<f64>,
     /// Older is stale. Default: five polls, and at least three timeouts.
+    #[schemars(extend("x-layers" = "free"))]
     max_age: Option<Timespan>,
     /// A condition on other signals that condemns this one: "bed_open == 1".
+    #[schemars(extend("x-layers" = "free"))]
     fault_when: Option<String>,
     /// May share a read request with its neighbours. Default true.
+    #[schemars(extend("x-layers" = "free"))]
     merge: Option<bool>,
     /// It counts: what a rollover and a step mean.
     counter: Option<RawCounter>,

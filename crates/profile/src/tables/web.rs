@@ -6,7 +6,8 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::{At, host_of};
+use super::At;
+use crate::host_port::host_and_port;
 
 /// Page, API and metrics.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -121,18 +122,24 @@ pub struct WebTls {
     pub key: PathBuf,
 }
 
+/// The port of the page, if nothing else is said.
+const USUAL: u16 = 8080;
+const LISTEN: &str = "write host and port, as \"127.0.0.1:8080\"; port 0 takes any free one";
+
 /// What to do about a page that listens beyond loopback in plain text.
 pub const PLAIN: &str = "whoever listens on that network reads the token: give `tls = { cert = …, key = … }` in [web], or \
     write `plain = true` there, where nobody else is on it";
 
 impl RawWeb {
     pub(super) fn resolve(&self, at: &At<'_>) -> Web {
-        let listen = self.listen.clone().unwrap_or_else(|| "127.0.0.1:8080".to_owned());
+        let listen = self.listen.clone().unwrap_or_else(|| format!("127.0.0.1:{USUAL}"));
         let tokens = ["token_file", "viewer_token_file", "scrape_token_file"];
         let has_token = tokens.iter().any(|key| at.key(key).is_written());
-        match host_of(&listen) {
+        let place = host_and_port(&listen);
+        match place.as_ref().ok().and_then(|(host, port)| port.map(|_| *host)) {
             None => {
-                let help = "write host and port, as \"127.0.0.1:8080\"; port 0 takes any free one";
+                let help = place.err().and_then(|why| why.help(USUAL, str::to_owned));
+                let help = help.unwrap_or_else(|| LISTEN.to_owned());
                 at.key("listen").wrong(format!("`{listen}` is no host and port"), help);
             }
             Some(host) if !is_loopback(host) && !has_token => {

@@ -10,6 +10,7 @@ use super::{Group, schema, shipped, text, texts};
 use crate::error::{Found, allowed};
 use crate::files::Files;
 use crate::span::Spans;
+use crate::tables::signal::unit::Scaling;
 use crate::walk::Walk;
 
 /// Where the user's own templates lie, beside the profile.
@@ -96,7 +97,7 @@ fn read(shown: &str, written: &str, errors: &mut Found) -> Option<Group> {
     let mut spans = Spans::default();
     let layer = spans.add_layer(shown, Some(written));
     let before = errors.len();
-    let mut walk = Walk { schema, layer, spans: &mut spans, errors };
+    let mut walk = Walk { schema, layer, spans: &mut spans, errors, beside: Scaling::default() };
     let (table, _) = walk.parsed(written);
     let value = walk.table(schema, "", table);
     // What a group leaves out, the profile may say.

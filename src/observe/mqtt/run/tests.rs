@@ -9,6 +9,7 @@ use crate::observe::asker::Asker;
 use crate::observe::events::file::Found;
 use crate::observe::events::{Entry, Level};
 use crate::observe::status::{Answer, BrokerStatus, Command, Status};
+use isotherm_core::compensation::MeasuredReport;
 use isotherm_plant::{Json, JsonSettings, Subscription};
 
 mod arrived;
@@ -21,7 +22,7 @@ struct Machine {
     happened: Mutex<(u64, u64)>,
     looks: Mutex<u64>,
     /// The measured errors that were taken.
-    measured: Mutex<Vec<f64>>,
+    measured: Mutex<Vec<MeasuredReport>>,
     reported: Mutex<Vec<Event>>,
 }
 
@@ -103,8 +104,8 @@ impl Source for Machine {
         panic!("nobody moves over the broker")
     }
 
-    fn measured(&self, _: &str, error_um: Option<f64>, _: &Asker) -> Result<Answer, String> {
-        self.measured.lock().unwrap().extend(error_um);
+    fn measured(&self, _: &str, report: Option<MeasuredReport>, _: &Asker) -> Result<Answer, String> {
+        self.measured.lock().unwrap().extend(report);
         Ok(Answer::Done(String::new()))
     }
 
@@ -148,7 +149,16 @@ struct State {
 impl Fake {
     /// It has this message for the gateway.
     fn brings(&self, topic: &str, payload: &[u8]) {
-        let arrived = Arrived { topic: topic.into(), payload: payload.into(), retained: false };
+        self.delivers(topic, payload, false);
+    }
+
+    /// The same, and it does not know whether the gateway has it already.
+    fn brings_again(&self, topic: &str, payload: &[u8]) {
+        self.delivers(topic, payload, true);
+    }
+
+    fn delivers(&self, topic: &str, payload: &[u8], redelivered: bool) {
+        let arrived = Arrived { topic: topic.into(), payload: payload.into(), retained: false, redelivered };
         self.0.lock().unwrap().arrives.push_back(arrived);
     }
 }

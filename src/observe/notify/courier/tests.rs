@@ -110,7 +110,7 @@ async fn pauses_grow_to_two_minutes_and_a_message_is_given_up_after_twelve_attem
     let said = carried(&outbox, &server, HOUR, half).await;
     assert_eq!(server.taken(), [(2, 1)]);
     assert_eq!(said.len(), 3, "{said:?}");
-    assert!(said[2].contains("1 messages to https://a.example were dropped"), "{said:?}");
+    assert!(said[2].contains("dropped 1 message to https://a.example"), "{said:?}");
     for (failures, least, most) in [(1, 0.75, 1.0), (4, 6.0, 8.0), (8, 90.0, 120.0), (4000, 90.0, 120.0)] {
         let pause = Rules::default().pause(failures).as_secs_f64();
         assert!(least <= pause && pause <= most, "{failures}: {pause}");
@@ -214,6 +214,6 @@ async fn what_a_slow_server_misses_of_a_long_storm_is_told_a_few_times() {
     let dropped: u64 = taken.iter().map(|(_, dropped)| dropped).sum();
     assert_eq!(dropped + taken.len() as u64, 36_000);
     assert!(dropped > 30_000 && said.len() < 20, "{dropped} {said:?}");
-    let count = |said: &String| said.split(' ').nth(1).unwrap().parse::<u64>().unwrap();
+    let count = |said: &String| said.split(' ').find_map(|word| word.parse::<u64>().ok()).unwrap();
     assert_eq!(said.iter().map(count).sum::<u64>(), dropped, "{said:?}");
 }

@@ -71,7 +71,7 @@ fn short_frames_lack_the_last_byte_and_garbage_has_them_all() {
 }
 
 #[test]
-fn an_emergency_is_reported_and_told_to_be_over() {
+fn an_emergency_and_its_end_are_sent() {
     let mut rig = Rig::new(&fault("axtc", "emergency", "code = 0x5030\nat = \"1s\"\nfor_time = \"500ms\""));
     let reported = rig.heard(9000, &["085"]);
     assert_eq!(reported, ["1000 085#3050010000000000", "1500 085#0000000000000000"]);

@@ -1,7 +1,9 @@
 //! Probings of an axis: judged, learned from, taken back, and begun anew with a new datum.
 
+use std::time::Duration;
+
 use super::{Axis, Chosen};
-use crate::compensation::model::{Coverage, Outside, Reference};
+use crate::compensation::model::{Coverage, Model, Outside, Reference};
 use crate::compensation::probe::{Measured, Occasion, Probed, Refused};
 use crate::compensation::reference::Machine;
 use crate::compensation::settings::{Datum, ProbeSettings};
@@ -26,6 +28,21 @@ impl Axis {
                 learned.renew(complete);
             }
         }
+    }
+
+    /// When the last of what the models are measured from was captured; while it is being captured, when that began, which is
+    /// `settle` before it is complete. `None` if they are measured from numbers.
+    pub(in crate::compensation) fn datum(
+        &self,
+        now: Moment,
+        machine: &Machine,
+        settle: Duration,
+    ) -> Option<Moment> {
+        let rises = self.settings.models.iter().flat_map(Model::rises);
+        let ages = rises.filter_map(|input| machine.age(input.reference, input.signal, now));
+        let begun = self.probe.models.iter().filter_map(|learned| learned.renewal());
+        let begun = begun.map(|complete| complete.before(settle));
+        ages.map(|age| now.before(age)).chain(self.zeroing.at()).chain(begun).max()
     }
 
     /// Takes in what the control brings.

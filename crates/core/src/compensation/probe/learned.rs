@@ -87,6 +87,11 @@ impl Learned {
         self.renews.is_some_and(|complete| now >= complete)
     }
 
+    /// When a capture that is under way is complete at the earliest.
+    pub(in crate::compensation) fn renewal(&self) -> Option<Moment> {
+        self.renews
+    }
+
     /// The correction begins at nothing here; the gains go on from this point.
     pub(in crate::compensation) fn begin_here(
         &mut self,

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::certainty::Certainty;
 use super::gains::Gains;
+use super::report::{TakenReport, TakenReports};
 use super::{KEPT, Learned, Probe, Probed, Residual};
 use crate::compensation::model::Model;
 use crate::compensation::settings::ProbeSettings;
@@ -18,6 +19,9 @@ pub(in crate::compensation) struct ProbeRemembered {
     models: Vec<LearnedRemembered>,
     last: Option<Probed>,
     history: Vec<Residual>,
+    /// Reports that were taken: none of them counts again.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    reports: Vec<TakenReport>,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -33,15 +37,16 @@ struct LearnedRemembered {
     renews: Option<Moment>,
 }
 
-shifted!(ProbeRemembered: models, last, history);
+shifted!(ProbeRemembered: models, last, history, reports);
 shifted!(LearnedRemembered: certainty, renews);
 
 impl ProbeRemembered {
-    /// When people measured goes by the wall clock, by which the machine was away for so long. How certain a correction
-    /// still is goes by the longest that it can have been.
+    /// Takes in how long the machine was away. The time of a manual measurement shifts by the wall clock. How certain a
+    /// correction still is depends on the longest time that the machine can have been away.
     pub(in crate::compensation) fn away(&mut self, (by_the_clock, at_most): (Shift, Shift)) {
         self.last.shift(by_the_clock);
         self.history.shift(by_the_clock);
+        self.reports.shift(by_the_clock);
         for learned in &mut self.models {
             learned.certainty.shift(at_most);
         }
@@ -62,6 +67,7 @@ impl Probe {
             models: models.iter().zip(&self.models).map(one).collect(),
             last: self.last,
             history: self.history.iter().copied().collect(),
+            reports: self.reports.remembered(),
         }
     }
 
@@ -89,5 +95,6 @@ impl Probe {
         self.last = kept.last;
         let newest = kept.history.len().saturating_sub(KEPT);
         self.history.extend(&kept.history[newest..]);
+        self.reports = TakenReports::recalled(kept.reports.clone());
     }
 }

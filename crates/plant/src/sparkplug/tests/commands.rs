@@ -1,6 +1,7 @@
 //! What hosts ask for, and what they get.
 
 use super::*;
+use isotherm_core::compensation::MeasuredReport;
 
 const NCMD: &str = "spBv1.0/shop/NCMD/grinder-3";
 
@@ -27,7 +28,7 @@ fn outcome_of(payload: &[u8], takes_measured: bool) -> (usize, Option<Outcome>) 
 }
 
 fn measured(error_um: f64) -> Option<Outcome> {
-    Some(Outcome::Asked(Command::Measured { axis: "z".to_owned(), error_um }))
+    Some(Outcome::Asked(Command::Measured { axis: "z".to_owned(), report: error_um.into() }))
 }
 
 #[test]
@@ -122,6 +123,61 @@ fn a_measured_error_that_a_broker_brings_twice_is_taken_once() {
     assert_eq!(hear(3.2, 10), Some(refused));
     assert_eq!(hear(3.2, 20), measured(3.2));
     assert_eq!(hear(3.3, 20), measured(3.3));
+}
+
+fn with(metric: Metric, properties: &[(&str, PropertyRaw)]) -> Metric {
+    let one = |(key, value): &(&str, PropertyRaw)| {
+        ((*key).to_owned(), Property { value: Some(value.clone()), ..Property::default() })
+    };
+    let (keys, values) = properties.iter().map(one).unzip();
+    Metric { properties: Some(PropertySet { keys, values }), ..metric }
+}
+
+#[test]
+fn the_properties_time_and_id_say_which_measurement_it_is() {
+    let error = || named("axis/z/measured_error_um", Raw::Double(1.5));
+    let text = |text: &str| PropertyRaw::String(text.to_owned());
+    let (zoned, utc) = ("1970-01-01T01:00:04+01:00", "1970-01-01T00:00:04Z");
+    let table = [
+        (vec![("time", text(zoned)), ("id", text("a"))], Ok((Some(utc), Some("a")))),
+        (vec![("time", PropertyRaw::Long(4_000))], Ok((Some(utc), None))),
+        (vec![("id", text("a")), ("unit", text("mm"))], Ok((None, Some("a")))),
+        (vec![("id", text(""))], Err("write `id` as")),
+        (vec![("id", PropertyRaw::Int(17))], Err("write `id` as")),
+        (vec![("time", text("noon"))], Err("write `time` as")),
+        (vec![("time", PropertyRaw::Double(4.0))], Err("write `time` as")),
+    ];
+    for (properties, expected) in table {
+        let payload = command(&[with(error(), &properties)], ms(4_000));
+        match (outcome_of(&payload, true).1, expected) {
+            (Some(Outcome::Asked(Command::Measured { report, .. })), Ok((time, id))) => {
+                assert_eq!(report, MeasuredReport::new(1.5, time, id).unwrap(), "{properties:?}");
+            }
+            (Some(Outcome::Refused { why, .. }), Err(begins)) => assert!(why.starts_with(begins), "{why}"),
+            (outcome, _) => panic!("{properties:?}: {outcome:?}"),
+        }
+    }
+    let null = Metric {
+        properties: Some(PropertySet {
+            keys: vec!["id".to_owned(), "time".to_owned()],
+            values: vec![Property { is_null: Some(true), ..Property::default() }],
+        }),
+        ..error()
+    };
+    assert_eq!(outcome_of(&command(&[null], ms(4_000)), true).1, measured(1.5));
+}
+
+#[test]
+fn a_measured_error_with_an_id_that_comes_twice_is_left_to_the_gateway() {
+    let state = snapshot(Some(21.5), true, at(0));
+    let (mut node, _) = connected(at(0), &state);
+    let id = [("id", PropertyRaw::String("a".to_owned()))];
+    let payload = command(&[with(named("axis/z/measured_error_um", Raw::Double(1.5)), &id)], ms(10));
+    // The gateway may not have taken it the first time.
+    for _ in 0..2 {
+        let outcome = node.received(at(5_000), &state, NCMD, &payload).outcome;
+        assert!(matches!(outcome, Some(Outcome::Asked(_))), "{outcome:?}");
+    }
 }
 
 #[test]

@@ -4,7 +4,7 @@
 //! whoever opens the line.
 
 use std::fmt;
-use std::net::{Ipv4Addr, Ipv6Addr};
+use std::net::Ipv4Addr;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::RawBus;
 use crate::document::Section;
 use crate::error::ProfileError;
+use crate::host_port::host_and_port;
 use crate::tables::At;
 
 /// The port that the OPC Foundation has for it.
@@ -90,13 +91,13 @@ pub struct NamedFile {
     pub name: String,
     /// What is in it.
     pub bytes: Vec<u8>,
-    named_at: ProfileError,
+    named_at: Box<ProfileError>,
 }
 
 impl NamedFile {
     /// The error that this is wrong with the file.
     pub fn wrong(&self, why: &str) -> ProfileError {
-        ProfileError { message: format!("{}: {why}", self.name), ..self.named_at.clone() }
+        ProfileError { message: format!("{}: {why}", self.name), ..(*self.named_at).clone() }
     }
 }
 
@@ -196,41 +197,24 @@ pub fn server_url(text: &str) -> Result<String, (String, String)> {
         let help = "remove what stands before `@`, and write `user`";
         return Err(("a URL in a profile names no user".to_owned(), help.to_owned()));
     }
-    if is_ipv6(place) {
-        let help = format!("an IPv6 address stands in brackets: write \"{SCHEME}[{place}]:{PORT}\"");
-        return Err((format!("`{place}` is no host and port"), help));
-    }
     let path = if path.is_empty() { String::new() } else { format!("/{path}") };
-    match host_and_port(place) {
-        Some((host, port)) => Ok(format!("{SCHEME}{host}:{port}{path}")),
-        None => Err((format!("`{place}` is no host and port"), format!("write host and port, as {example}"))),
+    let found = host_and_port(place);
+    if let Ok((host, port)) = found
+        && is_host(host)
+        && port != Some(0)
+    {
+        return Ok(format!("{SCHEME}{host}:{}{path}", port.unwrap_or(PORT)));
     }
+    let help = found.err().and_then(|why| why.help(PORT, |place| format!("\"{SCHEME}{place}\"")));
+    let help = help.unwrap_or_else(|| format!("write host and port, as {example}"));
+    Err((format!("`{place}` is no host and port"), help))
 }
 
-/// Both, where they can be; the usual port where none is written.
-fn host_and_port(place: &str) -> Option<(&str, u16)> {
-    let end = match place.strip_prefix('[') {
-        Some(rest) => rest.find(']').filter(|end| is_ipv6(&rest[..*end]))? + 2,
-        None => place.find(':').unwrap_or(place.len()),
-    };
-    let (host, port) = place.split_at(end);
+fn is_host(host: &str) -> bool {
     let is_of_a_name = |one: char| one.is_alphanumeric() || matches!(one, '-' | '.' | '_');
     let is_numbers = host.contains('.') && host.chars().all(|one| one.is_ascii_digit() || one == '.');
-    let is_host = host.starts_with('[')
-        || (!host.is_empty()
-            && host.chars().all(is_of_a_name)
-            && (!is_numbers || host.parse::<Ipv4Addr>().is_ok()));
-    let port = match port {
-        "" => PORT,
-        port => port.strip_prefix(':')?.parse().ok().filter(|port| *port > 0)?,
-    };
-    is_host.then_some((host, port))
-}
-
-/// With the number of an interface, where one is written: `fe80::1%2`.
-fn is_ipv6(text: &str) -> bool {
-    let (address, interface) = text.split_once('%').unwrap_or((text, "0"));
-    address.parse::<Ipv6Addr>().is_ok() && interface.parse::<u32>().is_ok()
+    host.starts_with('[')
+        || (host.chars().all(is_of_a_name) && (!is_numbers || host.parse::<Ipv4Addr>().is_ok()))
 }
 
 /// How the server of an opcua line is spoken to.
@@ -310,7 +294,7 @@ pub(in crate::tables) fn file(
     Some(NamedFile {
         name: name.clone(),
         bytes,
-        named_at: at.check.spans.at_value(&at.path, "", Some(help.to_owned())),
+        named_at: Box::new(at.check.spans.at_value(&at.path, "", Some(help.to_owned()))),
     })
 }
 
@@ -329,7 +313,7 @@ fn trusted(at: &At<'_>, directory: Option<&String>) -> Option<Vec<NamedFile>> {
         for name in at.check.files.names(directory, end) {
             let name = format!("{directory}/{name}{end}");
             let bytes = at.file(&name, help)?;
-            let named_at = at.check.spans.at_value(&at.path, "", Some(help.to_owned()));
+            let named_at = Box::new(at.check.spans.at_value(&at.path, "", Some(help.to_owned())));
             found.push(NamedFile { name, bytes, named_at });
         }
     }

@@ -3,6 +3,8 @@
 use std::fmt;
 use std::net::{IpAddr, Ipv6Addr};
 
+use crate::host_port::host_and_port;
+
 /// A broker: whether it is spoken to inside TLS, its host and its port.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BrokerUrl {
@@ -31,21 +33,33 @@ impl BrokerUrl {
     ///
     /// # Errors
     /// What is wrong with it, and the remedy. Of a user or a password in it nothing is quoted.
-    pub(super) fn parse(text: &str) -> Result<BrokerUrl, (String, &'static str)> {
+    pub(super) fn parse(text: &str) -> Result<BrokerUrl, (String, String)> {
         let (scheme, place) = text.split_once("://").unwrap_or_default();
         let tls = match scheme {
             "mqtts" => true,
             "mqtt" => false,
-            _ => return Err(("it does not begin with mqtts:// or mqtt://".to_owned(), EXAMPLE)),
+            _ => return Err(("it does not begin with mqtts:// or mqtt://".to_owned(), EXAMPLE.to_owned())),
         };
         if place.contains('@') {
             let help =
                 "remove what stands before `@`, and write `user = { name = \"…\", password_file = \"…\" }`";
-            return Err(("the address of a broker names no user and no password".to_owned(), help));
+            return Err((
+                "the address of a broker names no user and no password".to_owned(),
+                help.to_owned(),
+            ));
         }
         let place = place.strip_suffix('/').unwrap_or(place);
-        let (host, port) = host_and_port(place, if tls { 8883 } else { 1883 })
-            .ok_or_else(|| (format!("`{place}` is no host and port"), EXAMPLE))?;
+        let usual = if tls { 8883 } else { 1883 };
+        let found = host_and_port(place);
+        let Some((host, port)) = found.as_ref().ok().filter(|(host, port)| is_host(host) && *port != Some(0))
+        else {
+            let help = found.err().and_then(|why| why.help(usual, |place| format!("\"{scheme}://{place}\"")));
+            return Err((
+                format!("`{place}` is no host and port"),
+                help.unwrap_or_else(|| EXAMPLE.to_owned()),
+            ));
+        };
+        let (host, port) = (host.trim_matches(['[', ']']), port.unwrap_or(usual));
         Ok(BrokerUrl { tls, host: host.to_owned(), port })
     }
 
@@ -55,22 +69,11 @@ impl BrokerUrl {
     }
 }
 
-fn host_and_port(place: &str, usual: u16) -> Option<(&str, u16)> {
-    let (host, port) = match place.strip_prefix('[') {
-        Some(rest) => {
-            let (host, port) = rest.split_once(']')?;
-            host.parse::<Ipv6Addr>().ok()?;
-            (host, port)
-        }
-        None => {
-            let (host, port) = place.split_at(place.find(':').unwrap_or(place.len()));
-            let is_of_a_name = |byte: u8| byte.is_ascii_alphanumeric() || b"-._".contains(&byte);
-            (!host.is_empty() && host.bytes().all(is_of_a_name)).then_some((host, port))?
-        }
-    };
-    match port.strip_prefix(':') {
-        Some(port) => Some((host, port.parse().ok().filter(|port| *port > 0)?)),
-        None => port.is_empty().then_some((host, usual)),
+fn is_host(host: &str) -> bool {
+    let is_of_a_name = |byte: u8| byte.is_ascii_alphanumeric() || b"-._".contains(&byte);
+    match host.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
+        Some(address) => address.parse::<Ipv6Addr>().is_ok(),
+        None => host.bytes().all(is_of_a_name),
     }
 }
 

@@ -3,6 +3,8 @@
 use std::fmt;
 use std::net::{IpAddr, Ipv6Addr};
 
+use crate::host_port::{NoPlace, host_and_port};
+
 /// Of an address that is longer something has gone wrong with copying.
 const LONGEST: usize = 2000;
 /// Where the token belongs that is in a file of its own, in an address that has it.
@@ -76,9 +78,19 @@ impl Url {
         if target.contains('#') {
             return wrong("it has a part behind `#`, which is never sent", "remove it");
         }
-        let Some((host, port)) = host_and_port(authority, tls) else {
-            return wrong("it has no host, or no port that is one", WRITE);
+        let found = host_and_port(authority);
+        let Some((host, port)) = found.as_ref().ok().filter(|(host, port)| is_host(host) && *port != Some(0))
+        else {
+            let help = match found {
+                Err(NoPlace::PortTooLarge { .. }) => "the port is above 65535: write one from 1 to 65535",
+                Err(NoPlace::Unbracketed { .. }) => {
+                    "an IPv6 address stands in brackets: write it as \"https://[::1]:8443/isotherm\""
+                }
+                _ => WRITE,
+            };
+            return wrong("it has no host, or no port that is one", help);
         };
+        let (host, port) = (host.trim_matches(['[', ']']), port.unwrap_or_else(|| usual(tls)));
         let slash = if target.starts_with('/') { "" } else { "/" };
         Ok(Url { tls, host: host.to_owned(), port, target: format!("{slash}{target}") })
     }
@@ -114,25 +126,12 @@ fn usual(tls: bool) -> u16 {
     if tls { 443 } else { 80 }
 }
 
-fn host_and_port(authority: &str, tls: bool) -> Option<(&str, u16)> {
-    let (host, port) = match authority.strip_prefix('[') {
-        Some(rest) => {
-            let (host, port) = rest.split_once(']')?;
-            host.parse::<Ipv6Addr>().ok()?;
-            (host, port)
-        }
-        None => {
-            let (host, port) = authority.split_at(authority.find(':').unwrap_or(authority.len()));
-            let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-._".contains(&byte);
-            (!host.is_empty() && host.bytes().all(is_plain)).then_some((host, port))?
-        }
-    };
-    let port = match port.strip_prefix(':') {
-        Some(port) => port.parse().ok().filter(|port| *port > 0)?,
-        None if port.is_empty() => usual(tls),
-        None => return None,
-    };
-    Some((host, port))
+fn is_host(host: &str) -> bool {
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-._".contains(&byte);
+    match host.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
+        Some(address) => address.parse::<Ipv6Addr>().is_ok(),
+        None => host.bytes().all(is_plain),
+    }
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ use isotherm_core::quantity::Micron;
 use isotherm_core::reading::SignalId;
 
 /// 1 mm in µm.
-const MICRONS: f64 = 1000.0;
+pub(super) const MICRONS: f64 = 1000.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]

@@ -1,8 +1,89 @@
 //! The units that a signal may have.
 
+use serde_json::Value;
+use toml::Spanned;
+use toml::de::{DeString, DeValue};
+
+use crate::error::{also, listed};
+
 /// Engineering units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unit(pub &'static str);
+
+/// A unit that a profile does not know, in one that it knows: `known = factor · other + shift`.
+struct Other {
+    /// Its spellings, in small letters and without blanks.
+    spellings: &'static [&'static str],
+    /// As people call it.
+    name: &'static str,
+    known: &'static str,
+    factor: f64,
+    shift: f64,
+}
+
+/// Scale and offset beside a unit in its table.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Scaling {
+    pub(crate) scale: Option<f64>,
+    pub(crate) offset: Option<f64>,
+    /// Another layer or a template may have them.
+    pub(crate) may_stand_elsewhere: bool,
+}
+
+impl Scaling {
+    /// What a table of the first layers says, unless a template has more of it.
+    pub(crate) fn of(table: &Value) -> Scaling {
+        let number = |key| table.get(key).and_then(Value::as_f64);
+        let has_template = ["channel", "dbc"].iter().any(|key| table.get(key).is_some());
+        Scaling { scale: number("scale"), offset: number("offset"), may_stand_elsewhere: has_template }
+    }
+
+    /// The same of the entries of a table of this layer.
+    pub(crate) fn among(entries: &[(Spanned<DeString<'_>>, Spanned<DeValue<'_>>)], layer: usize) -> Scaling {
+        let find =
+            |key| entries.iter().find(|(known, _)| known.get_ref() == key).map(|(_, value)| value.get_ref());
+        let number = |key| match find(key)? {
+            DeValue::Float(number) => number.as_str().parse().ok(),
+            DeValue::Integer(number) => number.as_str().parse().ok(),
+            _ => None,
+        };
+        let may_stand_elsewhere = layer > 0 || find("channel").or(find("dbc")).is_some();
+        Scaling { scale: number("scale"), offset: number("offset"), may_stand_elsewhere }
+    }
+}
+
+const fn other(
+    spellings: &'static [&'static str],
+    name: &'static str,
+    known: &'static str,
+    factor: f64,
+    shift: f64,
+) -> Other {
+    Other { spellings, name, known, factor, shift }
+}
+
+const OTHERS: [Other; 16] = [
+    other(&["f", "°f", "℉", "degf", "fahrenheit"], "Fahrenheit", "degC", 5.0 / 9.0, -160.0 / 9.0),
+    other(&["r", "°r", "degr", "rankine"], "Rankine", "K", 5.0 / 9.0, 0.0),
+    other(&["m", "meter", "metre"], "m", "mm", 1000.0, 0.0),
+    other(&["cm"], "cm", "mm", 10.0, 0.0),
+    other(&["in", "inch", "\""], "inch", "mm", 25.4, 0.0),
+    other(&["mm/s"], "mm/s", "mm/min", 60.0, 0.0),
+    other(&["m/min"], "m/min", "mm/min", 1000.0, 0.0),
+    other(&["l/h"], "l/h", "l/min", 1.0 / 60.0, 0.0),
+    other(&["m3/h", "m³/h"], "m³/h", "l/min", 1000.0 / 60.0, 0.0),
+    other(&["pa"], "Pa", "bar", 1e-5, 0.0),
+    other(&["hpa", "mbar"], "mbar", "bar", 1e-3, 0.0),
+    other(&["kpa"], "kPa", "bar", 0.01, 0.0),
+    other(&["psi"], "psi", "bar", 0.068_947_6, 0.0),
+    other(&["kn"], "kN", "N", 1000.0, 0.0),
+    other(&["khz"], "kHz", "Hz", 1000.0, 0.0),
+    other(&["ms"], "ms", "s", 1e-3, 0.0),
+];
+
+/// A word that is spelled out may have two slips.
+const SPELLED_OUT: usize = 6;
+const SLIPS: usize = 2;
 
 impl Unit {
     /// The units a profile may name; "1" is a number without one.
@@ -14,6 +95,71 @@ impl Unit {
     /// The unit with this name.
     pub fn named(name: &str) -> Option<Unit> {
         Unit::WORDS.into_iter().find(|known| *known == name).map(Unit)
+    }
+
+    /// The remedy for a word that is no unit. A unit that is merely near is another quantity, or a thousand times as much: it
+    /// is never suggested.
+    pub(crate) fn help(text: &str, beside: Scaling) -> String {
+        let plain: String = text.chars().filter(|one| !one.is_whitespace() && *one != '_').collect();
+        let plain = plain.to_lowercase();
+        if let Some(other) =
+            OTHERS.iter().find(|other| other.spellings.iter().any(|one| is_meant(&plain, one)))
+        {
+            return other.converted(beside);
+        }
+        let is_word = |known: &&&str| {
+            let known = known.to_lowercase();
+            known == plain
+                || is_meant(&plain, &known)
+                || (plain.len() > 3 && letters(&known) == letters(&plain))
+        };
+        let near = also(&plain, &Unit::WORDS, is_meant).or_else(|| Unit::WORDS.iter().find(is_word).copied());
+        listed(near, &Unit::WORDS)
+    }
+}
+
+/// Whether a word is written for another one: the same, or with a slip or two if it is long.
+fn is_meant(text: &str, word: &str) -> bool {
+    text == word || (word.len() >= SPELLED_OUT && strsim::damerau_levenshtein(text, word) <= SLIPS)
+}
+
+fn letters(text: &str) -> Vec<char> {
+    let mut letters: Vec<char> = text.chars().collect();
+    letters.sort_unstable();
+    letters
+}
+
+impl Other {
+    /// How a value in this unit becomes one that a profile knows.
+    fn converted(&self, beside: Scaling) -> String {
+        let Other { name, known, factor, shift, .. } = *self;
+        let begin = format!("there is no {name}: write \"{known}\"");
+        let part = figures(factor);
+        if beside.may_stand_elsewhere && (beside.scale.is_none() || beside.offset.is_none()) {
+            let less = match shift {
+                shift if shift < 0.0 => format!(" less {}", figures(-shift)),
+                _ => String::new(),
+            };
+            return format!(
+                "{begin}, {part} times the scale (1 if none is written), and {part} times the offset (0 if none is \
+                 written){less}; `range` and `max_rate` are in {known} then"
+            );
+        }
+        let scale = figures(beside.scale.unwrap_or(1.0) * factor);
+        let offset = beside.offset.unwrap_or(0.0) * factor + shift;
+        let offset =
+            if offset.abs() > 0.0 { format!(" and offset = {}", figures(offset)) } else { String::new() };
+        format!("{begin} with scale = {scale}{offset}; `range` and `max_rate` are in {known} then")
+    }
+}
+
+/// A number with four digits that count.
+fn figures(number: f64) -> String {
+    let digits = (0..12).find(|digits| number.abs() * 10f64.powi(*digits) >= 1000.0).unwrap_or(12);
+    let text = format!("{number:.*}", usize::try_from(digits).unwrap_or(0));
+    match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+        false => text,
     }
 }
 
@@ -27,5 +173,56 @@ impl std::fmt::Display for Unit {
             "1" => "",
             name => name,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_unit_that_is_none_is_converted_at_the_scale_that_stands_there() {
+        let beside = |scale, offset| Scaling { scale, offset, may_stand_elsewhere: false };
+        for (text, beside, words) in [
+            ("degF", beside(None, None), "write \"degC\" with scale = 0.5556 and offset = -17.78;"),
+            ("°F", beside(Some(0.1), None), "scale = 0.05556 and offset = -17.78;"),
+            ("Farenheit", beside(Some(0.1), Some(32.0)), "scale = 0.05556;"),
+            ("F", beside(Some(0.01), Some(-40.0)), "scale = 0.005556 and offset = -40;"),
+            ("Rankine", beside(Some(1.0), None), "no Rankine: write \"K\" with scale = 0.5556;"),
+            ("mm/s", beside(Some(0.1), None), "write \"mm/min\" with scale = 6;"),
+            ("kN", beside(None, None), "write \"N\" with scale = 1000;"),
+            ("inch", beside(Some(1e-4), None), "scale = 0.00254;"),
+        ] {
+            let help = Unit::help(text, beside);
+            assert!(help.contains(words), "{text}: {help}");
+        }
+        let help = Unit::help("degF", Scaling { may_stand_elsewhere: true, ..Scaling::default() });
+        assert!(help.contains("0.5556 times the scale") && help.contains("less 17.78"), "{help}");
+    }
+
+    #[test]
+    fn a_unit_that_is_spelled_otherwise_is_named_and_one_that_is_merely_near_is_not() {
+        for (text, unit) in [
+            ("C", "degC"),
+            ("°C", "degC"),
+            ("℃", "degC"),
+            ("deg C", "degC"),
+            ("Celsius", "degC"),
+            ("Celcius", "degC"),
+            ("dgeC", "degC"),
+            ("degk", "K"),
+            ("Kelvin", "K"),
+            ("precent", "percent"),
+            ("1/min", "rpm"),
+            ("µm", "um"),
+            ("KW", "kW"),
+        ] {
+            let help = Unit::help(text, Scaling::default());
+            assert!(help.starts_with(&format!("did you mean `{unit}`?")), "{text}: {help}");
+        }
+        for text in ["degX", "kV", "mN", "GW", "kohm", "bit", "deg", ""] {
+            let help = Unit::help(text, Scaling::default());
+            assert!(help.starts_with("allowed: degC, K"), "{text}: {help}");
+        }
     }
 }

@@ -39,6 +39,22 @@ async fn no_message_that_arrives_takes_an_event_with_it() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_message_that_the_broker_delivers_again_is_marked_as_that() {
+    let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
+    let topic = "g/press/command/measured";
+    run_as((json(true), Kept::in_memory()), &machine, &broker, async {
+        broker.brings(topic, br#"{"axis":"z","error_um":3.5,"id":"a"}"#);
+        passes(2).await;
+        broker.brings_again(topic, br#"{"axis":"z","error_um":3.5,"id":"a"}"#);
+        passes(2).await;
+    })
+    .await;
+    let first = MeasuredReport::new(3.5, None, Some("a")).unwrap();
+    let again = MeasuredReport { redelivered: true, ..first.clone() };
+    assert_eq!(*machine.measured.lock().unwrap(), [first, again]);
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_flood_of_messages_has_the_state_looked_at_once_a_second() {
     let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
     run_as((json(true), Kept::in_memory()), &machine, &broker, async {
@@ -50,7 +66,7 @@ async fn a_flood_of_messages_has_the_state_looked_at_once_a_second() {
         passes(2).await;
     })
     .await;
-    assert_eq!(*machine.measured.lock().unwrap(), [3.5], "it is heard all the same");
+    assert_eq!(*machine.measured.lock().unwrap(), [3.5.into()], "it is heard all the same");
     let looks = machine.looks();
     assert!((30..=70).contains(&looks), "{looks} looks in half a minute");
 }

@@ -66,9 +66,10 @@ pub(super) struct RawSlope {
     #[schemars(required)]
     position: Option<String>,
     /// Where the slope adds nothing, mm.
-    #[schemars(required)]
+    #[schemars(required, extend("x-layers" = "arrives"))]
     reference: Option<f64>,
     /// The ends of the axis's travel, mm; required where the control is given the slope: they bound its effect.
+    #[schemars(extend("x-layers" = "arrives"))]
     travel: Option<[f64; 2]>,
     /// Gains in µm/mm per unit of the signal.
     #[schemars(required)]

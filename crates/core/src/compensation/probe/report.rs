@@ -1,0 +1,260 @@
+//! Reports of measured errors from elsewhere, and how one that arrives twice is recognised.
+//!
+//! A broker delivers a message at least once, and a sender repeats what was not answered. Two reports that agree are taken
+//! for two measurements, so that each measurement may count once only:
+//!
+//! | the report has | it is the same measurement as one that was taken if |
+//! |---|---|
+//! | `id` | the id is the same |
+//! | `time` | time and error are the same |
+//! | neither | the broker says that it delivers it again, or the same error arrived less than 10 s ago |
+//!
+//! A measurement from before the axis's datum says nothing about what is measured from that datum. It is rejected, as is one
+//! from the future.
+
+use std::fmt;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::quantity::{Moment, Shift, Shifted, shifted, time};
+
+/// Reports that are remembered for each axis: two and a half days of one an hour.
+const KEPT: usize = 64;
+/// An equal error that arrives within this time is the same measurement, if neither report says which one it is.
+const REPEATED_WITHIN: Duration = Duration::from_secs(10);
+/// The clock of a sender may be this much ahead.
+const AHEAD: Duration = Duration::from_secs(10);
+/// Errors that differ by less, µm, are equal: one of them has passed through a number of 32 bits.
+const EQUAL_WITHIN: f64 = 1e-4;
+/// The longest `id`.
+const LONGEST_ID: usize = 64;
+
+/// Measured error of an axis as a sender reports it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MeasuredReport {
+    /// Actual minus commanded, µm, while the compensation acts.
+    pub error_um: f64,
+    /// Time of the measurement by the wall clock.
+    pub time: Option<Moment>,
+    /// Name that the sender has given to this measurement.
+    pub id: Option<String>,
+    /// The broker says that it has delivered this message before.
+    pub redelivered: bool,
+}
+
+impl MeasuredReport {
+    /// Report with the `time` and the `id` of the measurement, as text.
+    ///
+    /// # Errors
+    /// A sentence that says how to write what is wrong. It quotes nothing of what was sent.
+    pub fn new(error_um: f64, time: Option<&str>, id: Option<&str>) -> Result<MeasuredReport, String> {
+        let time = time.map(MeasuredReport::time).transpose()?;
+        let id = id.map(MeasuredReport::id).transpose()?;
+        Ok(MeasuredReport { error_um, time, id, redelivered: false })
+    }
+
+    /// Reads a `time`.
+    ///
+    /// # Errors
+    /// A sentence that says how to write one.
+    pub fn time(text: &str) -> Result<Moment, String> {
+        let hint = "write `time` as 2026-01-31T12:00:00Z, with Z or the offset from UTC at its end";
+        time::parse(text).map_err(|_| hint.to_owned())
+    }
+
+    /// Reads an `id`.
+    ///
+    /// # Errors
+    /// A sentence that says how to write one.
+    pub fn id(text: &str) -> Result<String, String> {
+        let is_fit =
+            (1..=LONGEST_ID).contains(&text.len()) && text.bytes().all(|byte| byte.is_ascii_graphic());
+        let hint =
+            || format!("write `id` as 1 to {LONGEST_ID} letters, digits and signs of ASCII, without a space");
+        if is_fit { Ok(text.to_owned()) } else { Err(hint()) }
+    }
+
+    /// The sender says which measurement it is.
+    pub fn is_identified(&self) -> bool {
+        self.time.is_some() || self.id.is_some()
+    }
+}
+
+/// Report of an error without `time` and `id`.
+impl From<f64> for MeasuredReport {
+    fn from(error_um: f64) -> MeasuredReport {
+        MeasuredReport { error_um, ..MeasuredReport::default() }
+    }
+}
+
+impl fmt::Display for MeasuredReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} µm", self.error_um)?;
+        self.time.iter().try_for_each(|time| write!(f, ", time {time}"))?;
+        self.id.iter().try_for_each(|id| write!(f, ", id {id}"))
+    }
+}
+
+/// Reason for which a report is rejected before its error is looked at. Moments are by the wall clock.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Rejected {
+    /// A report with this `id` was taken.
+    SameId(String),
+    /// A report with this `time` and the same error was taken.
+    SameTime(Moment),
+    /// The broker delivers it again, and it has neither `time` nor `id`.
+    Redelivered,
+    /// The same error arrived this long ago, and this report has neither `time` nor `id`.
+    SameError(Duration),
+    /// It is older than what is remembered: it may have been taken.
+    Forgotten(Moment),
+    /// It was measured before the datum of the axis.
+    BeforeDatum {
+        /// Its `time`.
+        time: Moment,
+        /// When the datum was taken.
+        datum: Moment,
+    },
+    /// Its `time` has not come yet.
+    Ahead {
+        /// Its `time`.
+        time: Moment,
+        /// The time of day.
+        now: Moment,
+    },
+}
+
+impl fmt::Display for Rejected {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Rejected::SameId(id) => {
+                write!(f, "the measurement with the id {id} was taken before; give each measurement an id of its own")
+            }
+            Rejected::SameTime(time) => {
+                write!(f, "the measurement of {time} was taken before with the same error; measure again")
+            }
+            Rejected::Redelivered => f.write_str(
+                "the broker has delivered this message again, and it does not say which measurement it is; send a `time` \
+                 or an `id` with it",
+            ),
+            Rejected::SameError(ago) => write!(
+                f,
+                "the same error arrived {:.1} s ago and counts once; send a `time` or an `id` with each measurement, or \
+                 wait {} s",
+                ago.as_secs_f64(),
+                REPEATED_WITHIN.as_secs()
+            ),
+            Rejected::Forgotten(time) => write!(
+                f,
+                "it was measured at {time}, and {KEPT} others were taken since, so that it may have been taken, too; \
+                 measure again"
+            ),
+            Rejected::BeforeDatum { time, datum } => {
+                write!(f, "it was measured at {time}, before the datum of {datum}; measure again")
+            }
+            Rejected::Ahead { time, now } => write!(
+                f,
+                "its time is {time}, and the clock of this computer says {now}; set the clock that is wrong, or leave \
+                 `time` out"
+            ),
+        }
+    }
+}
+
+/// Report that was taken.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct TakenReport {
+    /// When it arrived last, by counted time.
+    at: Moment,
+    error_um: f64,
+    /// As the sender gave it: no correction of this computer's clock moves it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    time: Option<Moment>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    id: Option<String>,
+}
+
+shifted!(TakenReport: at);
+
+/// The last reports that were taken, by their last arrival, oldest first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(in crate::compensation) struct TakenReports(Vec<TakenReport>);
+
+impl TakenReports {
+    pub(super) fn recalled(mut taken: Vec<TakenReport>) -> TakenReports {
+        let forgotten = taken.len().saturating_sub(KEPT);
+        taken.drain(..forgotten);
+        TakenReports(taken)
+    }
+
+    pub(super) fn remembered(&self) -> Vec<TakenReport> {
+        self.0.clone()
+    }
+
+    /// Whether a report that arrives `now` is a new measurement since the `datum`. `shift` brings counted time to the wall
+    /// clock. A report that arrives again is remembered from now on again, so that no number of repetitions counts.
+    ///
+    /// # Errors
+    /// Why it is rejected.
+    pub(in crate::compensation) fn check(
+        &mut self,
+        report: &MeasuredReport,
+        (now, shift): (Moment, Shift),
+        datum: Option<Moment>,
+    ) -> Result<(), Rejected> {
+        if let Some(place) = self.0.iter().rposition(|taken| taken.is_same(report, now)) {
+            let mut taken = self.0.remove(place);
+            let ago = now.since(taken.at);
+            taken.at = now;
+            self.0.push(taken);
+            return Err(match (&report.id, report.time) {
+                (Some(id), _) if self.0.last().is_some_and(|taken| taken.id.as_ref() == Some(id)) => {
+                    Rejected::SameId(id.clone())
+                }
+                (_, Some(time)) => Rejected::SameTime(time),
+                _ => Rejected::SameError(ago),
+            });
+        }
+        let Some(time) = report.time else {
+            let is_doubtful = report.redelivered && !report.is_identified();
+            return if is_doubtful { Err(Rejected::Redelivered) } else { Ok(()) };
+        };
+        let (today, datum) = (now.shifted(shift), datum.map(|datum| datum.shifted(shift)));
+        if time > today.after(AHEAD) {
+            return Err(Rejected::Ahead { time, now: today });
+        }
+        if let Some(datum) = datum.filter(|datum| time < *datum) {
+            return Err(Rejected::BeforeDatum { time, datum });
+        }
+        // What was forgotten had arrived before the oldest that is left.
+        let oldest = self.0.first().filter(|_| self.0.len() >= KEPT);
+        match oldest.filter(|oldest| time <= oldest.at.shifted(shift).after(AHEAD)) {
+            Some(_) => Err(Rejected::Forgotten(time)),
+            None => Ok(()),
+        }
+    }
+
+    /// Remembers a report that was taken.
+    pub(in crate::compensation) fn take(&mut self, report: MeasuredReport, now: Moment) {
+        if self.0.len() >= KEPT {
+            self.0.remove(0);
+        }
+        let MeasuredReport { error_um, time, id, .. } = report;
+        self.0.push(TakenReport { at: now, error_um, time, id });
+    }
+}
+
+impl TakenReport {
+    /// Whether a report that arrives `now` is of the same measurement.
+    fn is_same(&self, report: &MeasuredReport, now: Moment) -> bool {
+        let is_equal = (self.error_um - report.error_um).abs() < EQUAL_WITHIN;
+        let has_same_id = report.id.is_some() && self.id == report.id;
+        let has_same_time = report.time.is_some() && self.time == report.time;
+        let is_repeated = !report.is_identified() && now.since(self.at) < REPEATED_WITHIN;
+        has_same_id || (is_equal && (has_same_time || is_repeated))
+    }
+}
+
+#[cfg(test)]
+mod tests;

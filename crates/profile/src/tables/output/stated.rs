@@ -1,0 +1,69 @@
+//! What the profile file itself states of an output, and how the control reads what is written.
+
+use serde_json::Value;
+
+use super::Output;
+use super::writes::{MICRONS, Writes};
+use crate::Profile;
+use crate::guarded::allowed;
+use crate::span::child;
+use isotherm_core::codec::{ControlView, Encoding, Scale};
+use isotherm_core::quantity::Micron;
+
+/// Scale, bias, diameter and limit of an output, as the profile file has them below every layer. A key that the file leaves
+/// to a template or a default, or that it names in `allow_override`, is as in the merged profile.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stated {
+    scale: Scale,
+    bias: i64,
+    diameter: bool,
+    limit: Micron,
+}
+
+/// Notes at each output what the profile file states of it.
+pub(crate) fn by(file: &Value, profile: &mut Profile) {
+    let allowed = allowed(file);
+    let at = |kind: &str, name: &str, key: &str| {
+        let path = child(&child(kind, name), key);
+        file.get(kind)?.get(name)?.get(key).filter(|_| !allowed.contains(&path))
+    };
+    for place in 0..profile.outputs.len() {
+        let merged = Stated::of(profile, &profile.outputs[place]);
+        let output = &mut profile.outputs[place];
+        let axis = &profile.axes[output.axis.0].settings.name;
+        let number = |key| at("output", &output.name, key);
+        let limit = at("axis", axis, "limit").and_then(Value::as_f64).and_then(Micron::new);
+        output.stated = Some(Stated {
+            scale: number("scale").and_then(Value::as_f64).map_or(merged.scale, Scale::of),
+            bias: number("bias").and_then(Value::as_i64).unwrap_or(merged.bias),
+            diameter: at("axis", axis, "diameter").and_then(Value::as_bool).unwrap_or(merged.diameter),
+            limit: limit.filter(|limit| *limit < merged.limit).unwrap_or(merged.limit),
+        });
+    }
+}
+
+impl Stated {
+    /// The same as the merged profile has it.
+    fn of(profile: &Profile, output: &Output) -> Stated {
+        let axis = profile.axis(output.axis);
+        let Encoding { scale, bias, .. } = output.encoding;
+        Stated { scale, bias, diameter: axis.diameter, limit: axis.settings.guard.limit }
+    }
+}
+
+impl Profile {
+    /// How the control reads what is written by this output; `None` for a reference position, which is no correction.
+    pub fn control_view(&self, output: &Output) -> Option<ControlView> {
+        let Stated { scale, bias, diameter, limit } =
+            output.stated.unwrap_or_else(|| Stated::of(self, output));
+        let radii = if diameter { 2.0 } else { 1.0 };
+        let per_micron = match (output.writes, self.axis(output.axis).settings.intercept_slope) {
+            (Writes::Reference, _) => return None,
+            (Writes::Slope, Some(line)) => 1.0 / line.reach.get(),
+            (Writes::Corrected { .. }, _) => radii / MICRONS,
+            _ => radii,
+        };
+        let encoding = Encoding { scale, bias, ..output.encoding.clone() };
+        Some(ControlView { encoding, per_micron, limit })
+    }
+}

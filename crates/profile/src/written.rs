@@ -1,0 +1,82 @@
+//! Places that a gateway writes to, as text by which two profiles can be compared.
+
+use std::collections::BTreeSet;
+
+use crate::{BusId, DeviceId, Profile};
+use isotherm_core::codec::{Address, Register, Table};
+
+impl Profile {
+    /// Returns every place on this bus that a gateway with this profile writes to: `unit 1 holding:104`, `node ns=2;i=5`,
+    /// `node 5 object 6110:01`, `frame 0x20c`. Each register of a value is a place of its own.
+    pub fn written_on(&self, bus: BusId) -> BTreeSet<String> {
+        let mut written = Written { profile: self, bus, places: BTreeSet::new() };
+        for output in &self.outputs {
+            written.value(output.device, &output.address, output.encoding.data_type.registers());
+            output.display.registers().for_each(|register| written.register(output.device, register));
+        }
+        for set in &self.sets {
+            // Includes the registers between its words if the set writes them as zeros.
+            for stretch in set.stretches(set.members(self), self.device(set.device).longest_request()) {
+                let from = Register { table: Table::Holding, offset: stretch.from };
+                written.value(set.device, &Address::Modbus(from), stretch.count);
+            }
+            for (_, node) in set.own_nodes() {
+                written.value(set.device, &Address::Node(node.clone()), 1);
+            }
+            if let Some(handshake) = &set.handshake {
+                written.value(set.device, &handshake.strobe.address(), 1);
+            }
+        }
+        if let Some(heartbeat) = &self.heartbeat {
+            written.value(heartbeat.device, &heartbeat.address, heartbeat.data_type().registers());
+        }
+        for signal in &self.signals {
+            let capture = signal.capture.map(|capture| capture.address);
+            capture.into_iter().for_each(|register| written.register(signal.device, register));
+        }
+        for (id, device) in self.devices_on(bus) {
+            for setup in device.can.iter().flat_map(|can| &can.setup) {
+                written.value(id, &Address::Object(setup.object), 1);
+            }
+        }
+        written.places
+    }
+}
+
+struct Written<'p> {
+    profile: &'p Profile,
+    bus: BusId,
+    places: BTreeSet<String>,
+}
+
+impl Written<'_> {
+    fn register(&mut self, device: DeviceId, at: Register) {
+        self.value(device, &Address::Modbus(at), 1);
+    }
+
+    /// Adds a value of `count` registers.
+    fn value(&mut self, device: DeviceId, address: &Address, count: u16) {
+        let device = self.profile.device(device);
+        if device.bus != self.bus {
+            return;
+        }
+        let unit = device.unit;
+        match address {
+            Address::Modbus(Register { table, offset }) => {
+                let offsets = (0..count).map(|place| offset.saturating_add(place));
+                self.places.extend(offsets.map(|offset| format!("unit {unit} {}:{offset}", table.name())));
+            }
+            Address::Object(object) => {
+                self.places.insert(format!("node {unit} object {}", object.entry));
+            }
+            // A gateway sends a frame whole, with all of its values.
+            Address::Frame(field) => {
+                self.places.insert(format!("frame {}", field.frames.id));
+            }
+            Address::Node(node) => {
+                self.places.insert(format!("node {}", node.id));
+            }
+            Address::Sensor(_) => {}
+        }
+    }
+}

@@ -1,0 +1,36 @@
+//! New files of a verb. None is overwritten; if one cannot be written, the error names it and says what to do.
+
+use std::fs::File;
+use std::io::{Error, ErrorKind, Write};
+use std::path::Path;
+
+use crate::fieldbus::explain::system;
+use isotherm_profile::regular::without_numbers;
+
+/// Makes a file that begins with this text, and leaves none behind if that fails.
+pub(super) fn create(path: &Path, text: &str) -> anyhow::Result<File> {
+    let mut file = File::create_new(path).map_err(|error| cannot_be_written(path, &error))?;
+    file.write_all(text.as_bytes()).map_err(|error| {
+        let _ = std::fs::remove_file(path);
+        cannot_be_written(path, &error)
+    })?;
+    Ok(file)
+}
+
+/// What is wrong with a file, and what to do.
+pub(super) fn cannot_be_written(path: &Path, error: &Error) -> anyhow::Error {
+    let path = path.display();
+    match error.kind() {
+        ErrorKind::AlreadyExists => {
+            anyhow::anyhow!("{path} is there already, and nothing is overwritten: name another file")
+        }
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => anyhow::anyhow!(
+            "{path} cannot be written: {}; make room there, or name a file on another disk",
+            system(error)
+        ),
+        _ => {
+            let why = without_numbers(&error.to_string());
+            anyhow::anyhow!("{path} cannot be written: {why}; name another file")
+        }
+    }
+}

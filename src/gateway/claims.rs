@@ -1,0 +1,211 @@
+//! Claims: which gateway of this computer writes to which places, so that no second one writes to the same.
+//!
+//! Each gateway that writes listens on an abstract socket of its network namespace. It sends its claim to each client
+//! (`sockets`). Such a socket needs no directory and no permission, every user can see it, and it vanishes with its process.
+//! A bus address means the same to all programs of a network namespace, so a claim need not be visible beyond it.
+//!
+//! A gateway that starts opens its own socket first and then compares its claim with the others. If two gateways start at
+//! the same moment, the one with the lower random number continues.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::control::{self, Presence};
+use crate::clock::Passing;
+use isotherm_profile::{BusId, Profile};
+use sockets::{Answer, Listener};
+
+mod names;
+mod sockets;
+
+/// Longest wait for a gateway that starts at the same moment.
+const PATIENCE: Duration = Duration::from_secs(5);
+const LOOK_AGAIN: Duration = Duration::from_millis(20);
+
+/// Claim of one gateway, as it is sent to others.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Claim {
+    process: u32,
+    /// Random number: if two gateways start at the same moment, the lower one continues.
+    order: u32,
+    machine: String,
+    /// State directory.
+    state: PathBuf,
+    /// Whether the gateway has found no rival, and writes.
+    is_held: bool,
+    lines: Vec<Line>,
+}
+
+/// Claimed places on one bus.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Line {
+    /// Address as in the profile.
+    address: String,
+    /// Canonical names, by which addresses are compared.
+    names: Vec<String>,
+    places: BTreeSet<String>,
+}
+
+impl Claim {
+    fn of(profile: &Profile, directory: &Path) -> Claim {
+        let written = profile
+            .buses
+            .iter()
+            .enumerate()
+            .map(|(bus, settings)| (settings, profile.written_on(BusId(bus))));
+        let written: Vec<_> = written.filter(|(_, places)| !places.is_empty()).collect();
+        let buses: Vec<_> = written.iter().map(|(bus, _)| *bus).collect();
+        let lines = names::of_each(&buses).into_iter().zip(&written).map(|(names, (bus, places))| Line {
+            address: bus.address.clone(),
+            names,
+            places: places.clone(),
+        });
+        Claim {
+            process: std::process::id(),
+            order: sockets::random(),
+            machine: profile.name.clone(),
+            state: directory.to_owned(),
+            is_held: false,
+            lines: lines.collect(),
+        }
+    }
+
+    /// The names of all its lines.
+    fn names(&self) -> BTreeSet<&str> {
+        self.lines.iter().flat_map(|line| &line.names).map(String::as_str).collect()
+    }
+
+    /// Finds a place that both gateways write to, as text for a message.
+    fn shares_with(&self, other: &Claim) -> Option<String> {
+        self.lines.iter().find_map(|own| {
+            let same = |line: &&Line| line.names.iter().any(|name| own.names.contains(name));
+            let shared = |line: &Line| own.places.intersection(&line.places).next().cloned();
+            let place = other.lines.iter().filter(same).find_map(shared)?;
+            Some(format!("{place} at {}", own.address))
+        })
+    }
+}
+
+/// Claims every place that a gateway with this profile writes to, until the process ends. Returns why other gateways
+/// cannot be seen, if they cannot.
+///
+/// # Errors
+/// Another gateway of this computer writes to one of the places. The error is a message for the operator.
+pub fn claim(profile: &Profile, directory: &Path) -> Result<Option<String>, String> {
+    let claim = Claim::of(profile, directory);
+    if claim.lines.is_empty() {
+        return Ok(None);
+    }
+    let listener = match Listener::open(claim.clone()) {
+        Ok(listener) => listener,
+        Err(error) => return Ok(Some(format!("no socket can be opened for that: {error}"))),
+    };
+    let unseen = compare_with_others(&claim, |_| false)?;
+    listener.hold();
+    Ok(unseen)
+}
+
+/// Checks that a gateway with this profile can replace the one that runs in the parent of this process.
+///
+/// # Errors
+/// As [`claim`].
+pub fn could_claim(profile: &Profile, directory: &Path) -> Result<(), String> {
+    let claim = Claim { order: u32::MAX, ..Claim::of(profile, directory) };
+    let parent = std::os::unix::process::parent_id();
+    compare_with_others(&claim, |other| other.process == parent && other.state == directory).map(drop)
+}
+
+/// Compares a claim with those of all other gateways, except the ignored ones. Waits while a rival that starts at the same
+/// moment has not given way. Returns why some gateway cannot be seen.
+fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Result<Option<String>, String> {
+    let begun = Passing::default().passed();
+    loop {
+        let mut unseen = None;
+        let mut waits_for = None;
+        let others = match sockets::others(own) {
+            Ok(others) => others,
+            Err(error) => return Ok(Some(format!("/proc/net/unix cannot be read: {error}"))),
+        };
+        for other in others {
+            let rival = match other.ask() {
+                Answer::Gone => continue,
+                Answer::Claim(rival) => rival,
+                Answer::Silent if other.shares_line => return Err(silent(own, other.process)),
+                Answer::Silent => {
+                    unseen = Some(format!("process {} does not answer", other.process));
+                    continue;
+                }
+                Answer::Failed(error) => {
+                    unseen = Some(format!("process {} cannot be asked: {error}", other.process));
+                    continue;
+                }
+            };
+            if is_ignored(&rival) || is_same_gateway(own, &rival) {
+                continue;
+            }
+            let Some(place) = own.shares_with(&rival) else { continue };
+            if rival.is_held || rival.order < own.order {
+                return Err(refusal(&place, &rival));
+            }
+            waits_for = Some(refusal(&place, &rival));
+        }
+        match waits_for {
+            None => return Ok(unseen),
+            Some(why) if Passing::default().passed() - begun > PATIENCE => return Err(why),
+            Some(_) => std::thread::sleep(LOOK_AGAIN),
+        }
+    }
+}
+
+/// Whether both have the same machine name and state directory. Opening the command socket then refuses the second one.
+fn is_same_gateway(own: &Claim, other: &Claim) -> bool {
+    let socket = control::path(&own.state, &own.machine);
+    socket == control::path(&other.state, &other.machine) && control::presence(&socket) != Presence::Nobody
+}
+
+fn refusal(place: &str, other: &Claim) -> String {
+    let Claim { process, machine, state, .. } = other;
+    format!(
+        "{place} is written by another gateway of this computer: process {process}, machine {machine}, state directory {}; stop \
+         that one, or give each a place of its own (--dry-run writes nothing)",
+        state.display()
+    )
+}
+
+fn silent(own: &Claim, process: u32) -> String {
+    let addresses: Vec<&str> = own.lines.iter().map(|line| line.address.as_str()).take(5).collect();
+    format!(
+        "another gateway of this computer, process {process}, writes to a device at {}, and does not say to which registers; stop \
+         it, or resume it if it is suspended (--dry-run writes nothing)",
+        addresses.join(" or ")
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn claim(lines: &[(&[&str], &[&str])]) -> Claim {
+        let line = |(names, places): &(&[&str], &[&str])| Line {
+            address: names[0].to_owned(),
+            names: names.iter().map(|name| (*name).to_owned()).collect(),
+            places: places.iter().map(|place| (*place).to_owned()).collect(),
+        };
+        let lines = lines.iter().map(line).collect();
+        let (machine, state) = ("mill".to_owned(), PathBuf::from("/var/lib/isotherm"));
+        Claim { process: 7, order: 1, machine, state, is_held: true, lines }
+    }
+
+    #[test]
+    fn only_the_same_place_at_the_same_address_is_shared() {
+        let own = claim(&[(&["a", "b"], &["unit 1 holding:104", "unit 1 holding:105"])]);
+        let shared = |names: &[&str], places: &[&str]| own.shares_with(&claim(&[(names, places)]));
+        let place = Some("unit 1 holding:105 at a".to_owned());
+        assert_eq!(shared(&["b"], &["unit 1 holding:105", "unit 1 holding:106"]), place);
+        assert_eq!(shared(&["c"], &["unit 1 holding:105"]), None);
+        assert_eq!(shared(&["b"], &["unit 2 holding:105", "unit 1 holding:106"]), None);
+    }
+}
