@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::faults::law;
-use crate::faults::rig::{Trace, run};
+use crate::faults::rig::{Trace, run, speaks_rtu};
 
 const MINUTE: Duration = Duration::from_secs(60);
 
@@ -249,7 +249,10 @@ fn a_device_that_was_away_and_passes_its_checks_resumes_after_one_check() {
                 "module" => checks(&trace, 1, 268),
                 _ => checks(&trace, 3, 200),
             };
-            assert_eq!(read, 2, "{device}, {way}: {}", trace.lines());
+            // On RTU a silent device is known to be away before it is back: it may be checked in vain.
+            let is_silent = way.contains("silent") || way.contains("half-open");
+            let in_vain = if is_silent && speaks_rtu(&trace.profile) { 2 } else { 0 };
+            assert!((2..=2 + in_vain).contains(&read), "{device}, {way}: {read}: {}", trace.lines());
             assert_eq!(trace.states_between(75, 118), ["active"], "{device}, {way}: {}", trace.lines());
             assert!(writes_from(&trace, 75) > 10, "{device}, {way}");
             assert_eq!(
@@ -282,6 +285,11 @@ fn a_module_with_a_long_period_is_checked_after_one_lost_answer() {
         fault("module", &set("coil:268", 0, "61s")),
     ];
     let trace = run(&text, &faults.concat(), 2 * MINUTE);
+    if speaks_rtu(&trace.profile) {
+        // It is asked again at once, on the same connection.
+        assert_eq!(checks(&trace, 1, 268), 1, "{}", trace.lines());
+        return;
+    }
     assert_eq!(trace.reported("not-as-expected"), 1, "{}", trace.lines());
     assert_eq!(trace.qualities("bed", 90, 118), ["not-as-expected"], "{}", trace.lines());
 }
