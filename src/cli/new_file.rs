@@ -17,7 +17,7 @@ pub(super) fn create(path: &Path, text: &str) -> anyhow::Result<File> {
     Ok(file)
 }
 
-/// What is wrong with a file, and what to do.
+/// Makes the error of a file that cannot be written: file, cause and remedy.
 pub(super) fn cannot_be_written(path: &Path, error: &Error) -> anyhow::Error {
     let path = path.display();
     match error.kind() {

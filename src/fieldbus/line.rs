@@ -264,11 +264,11 @@ impl DeviceLine {
         self.ask(device, request, leave, false).await
     }
 
-    /// As [`DeviceLine::request`], also for a device whose checks have not passed. The checks themselves use it, and polls whose
+    /// Requests something of a device whose checks may not have passed. The checks themselves use it, and polls whose
     /// readings are discarded until then.
     ///
     /// # Errors
-    /// As [`DeviceLine::request`].
+    /// Those of [`DeviceLine::request`].
     pub async fn request_unverified(
         &mut self,
         device: DeviceId,

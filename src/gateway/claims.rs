@@ -111,7 +111,7 @@ pub fn claim(profile: &Profile, directory: &Path) -> Result<Option<String>, Stri
 /// Checks that a gateway with this profile can replace the one that runs in the parent of this process.
 ///
 /// # Errors
-/// As [`claim`].
+/// Those of [`claim`].
 pub fn could_claim(profile: &Profile, directory: &Path) -> Result<(), String> {
     let claim = Claim { order: u32::MAX, ..Claim::of(profile, directory) };
     let parent = std::os::unix::process::parent_id();

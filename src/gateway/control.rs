@@ -297,7 +297,7 @@ async fn wait_for_answer(source: &dyn Source, line: &Line<'_>) {
 struct Line<'a> {
     what: What<'a>,
     axis: Option<&'a str>,
-    /// Of a measurement.
+    /// Time and id of a measurement.
     time: Option<&'a str>,
     id: Option<&'a str>,
     /// Since the computer was started.

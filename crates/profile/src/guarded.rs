@@ -26,7 +26,7 @@ const MARK: &str = "x-layers";
 const MODELS: &str = "model";
 const ARM: &str = "machine.arm";
 
-/// What a layer may do with a key.
+/// Permission of a layer for a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Rule {
     Less,
@@ -107,7 +107,7 @@ pub(crate) fn guarded_keys(names: &[(&str, &[String])]) -> Vec<String> {
     found
 }
 
-/// What the profile names in `allow_override`.
+/// Returns the keys that the profile names in `allow_override`.
 pub(crate) fn allowed(profile: &Value) -> Vec<String> {
     let list = profile.pointer("/machine/allow_override").and_then(Value::as_array);
     list.into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
@@ -142,7 +142,7 @@ pub(crate) fn refused(profile: &Value, layer: &Value, spans: &Spans) -> Vec<Refu
     guards.refused
 }
 
-/// Of what layers may not set that which concerns this machine: `merged` is all layers in one, with what templates bring.
+/// Returns the refusals that concern this machine. `merged` is all layers in one, with the keys of templates.
 pub(crate) fn that_count(refused: Vec<Refusal>, profile: &Value, merged: &Value) -> Vec<ProfileError> {
     let counts = |one: &Refusal| [profile, merged].into_iter().any(|machine| one.counts(machine));
     refused.into_iter().filter(counts).map(|one| one.error).collect()

@@ -22,7 +22,7 @@ pub enum NoPlace {
 }
 
 impl NoPlace {
-    /// What was probably meant; `usual` is the port if none can be read.
+    /// Returns the address that was probably meant. `usual` is the port if none can be read.
     pub fn meant(&self, usual: u16) -> Option<String> {
         match self {
             NoPlace::PortTooLarge { host } => Some(format!("{host}:{usual}")),

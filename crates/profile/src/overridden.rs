@@ -48,7 +48,7 @@ impl fmt::Display for Overridden {
 pub(crate) struct Above<'a> {
     pub(crate) profile: &'a Value,
     pub(crate) layers: &'a [Value],
-    /// What the profile names in `allow_override`.
+    /// Keys that the profile names in `allow_override`.
     pub(crate) allowed: Vec<String>,
     /// So many of them are files, which come first.
     pub(crate) files: usize,

@@ -20,7 +20,7 @@ pub(crate) struct Walk<'a> {
     pub(crate) layer: usize,
     pub(crate) spans: &'a mut Spans,
     pub(crate) errors: &'a mut Found,
-    /// What stands beside the unit that is looked at.
+    /// Scale and offset next to the unit that is checked.
     pub(crate) beside: Scaling,
 }
 

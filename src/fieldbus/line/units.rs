@@ -26,7 +26,7 @@ pub(super) struct Unit {
     pub(super) quirks: Quirks,
     pub(super) breaker: Backoff,
     pub(super) last_fault: Fault,
-    /// It has checks that must pass before it is used.
+    /// Whether the unit has checks that must pass before it is used.
     pub(super) is_checked: bool,
     /// When it last answered.
     pub(super) heard: Moment,

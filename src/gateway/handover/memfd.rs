@@ -1,9 +1,9 @@
 //! The way of a handover from one program to the next in the same process: a sealed memfd as standard input, and its digest in
 //! the state directory.
 //!
-//! Whoever starts the program chooses its standard input. So the program accepts a memfd only if nothing can change it (all
+//! The process that starts the program chooses its standard input. So the program accepts a memfd only if nothing can change it (all
 //! seals, this user), if this very process wrote it (process id, start time, boot), and if the state directory holds its digest.
-//! It removes the digest before it reads the memfd, so that no handover is used twice.
+//! The program removes the digest before it reads the memfd, so that no handover is used twice.
 
 use std::fs::{File, Permissions};
 use std::io::{self, ErrorKind, Read, Write};
@@ -93,7 +93,7 @@ impl Handover {
     /// Whether this process can hand over to another program now.
     ///
     /// # Errors
-    /// As [`Handover::seal`].
+    /// Those of [`Handover::seal`].
     pub(in crate::gateway) fn rehearse(path: &Path) -> io::Result<()> {
         // Under another name: a handover may be under way.
         let path = path.with_added_extension("rehearsal");

@@ -24,7 +24,7 @@ use crate::quantity::Micron;
 pub struct ControlView {
     /// How the control reads the registers.
     pub encoding: Encoding,
-    /// What a correction of 1 µm is in the unit of the value.
+    /// Size of a correction of 1 µm, in the unit of the value.
     pub per_micron: f64,
     /// The largest correction.
     pub limit: Micron,
@@ -102,7 +102,7 @@ impl ControlView {
     }
 }
 
-/// What a few operations on floats of 64 bits add to each other, relative to the numbers.
+/// Relative rounding error of a few operations on floats of 64 bits.
 const ARITHMETIC: f64 = 1e-14;
 
 impl fmt::Display for Inadmissible {

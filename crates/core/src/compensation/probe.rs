@@ -107,7 +107,7 @@ pub struct Probe {
     pub(super) models: Vec<Learned>,
     last: Option<Probed>,
     history: VecDeque<Residual>,
-    /// What senders have reported.
+    /// Reports that were taken, by which a repetition is recognised.
     pub(super) reports: TakenReports,
 }
 

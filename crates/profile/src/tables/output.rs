@@ -134,7 +134,7 @@ pub struct Output {
     pub applied: Option<Applied>,
     /// What a display shows beside the value, and instead of it.
     pub display: Display,
-    /// What the profile states of it, if layers lie above the profile.
+    /// Values of the profile file itself, if layers lie above it.
     pub stated: Option<Stated>,
 }
 

@@ -67,7 +67,7 @@ fn one_lost_answer_is_no_exchange_and_a_long_silence_is() {
     assert_eq!(line.ends(wrong, Ending::Lost, at(10), at(20)), Exchanged::None, "it answers");
 }
 
-/// What one connection of a device does to its questions, one after the other; then it ends like the last.
+/// Treatment of one question by a device. [`serve`] answers the questions beyond the list of a connection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Does {
     Answers,
@@ -117,7 +117,7 @@ fn serve(mut stream: TcpStream, does: &[Does]) {
     }
 }
 
-/// What was said of devices, and which of them have passed.
+/// Reports about devices, and the devices that have passed.
 #[derive(Default)]
 struct Seen {
     exchanged: Vec<Option<DeviceId>>,
@@ -184,7 +184,7 @@ impl Rig {
         self.line.request(DeviceId(0), READ, Leave::Whenever).await
     }
 
-    /// What was said since this was last asked.
+    /// Returns the reports since the last call.
     fn said(&self) -> Vec<Option<DeviceId>> {
         std::mem::take(&mut self.sees.0.lock().unwrap().exchanged)
     }

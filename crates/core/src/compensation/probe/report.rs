@@ -105,11 +105,11 @@ pub enum Rejected {
     SameTime(Moment),
     /// The broker delivers it again, and it has neither `time` nor `id`.
     Redelivered,
-    /// The same error arrived this long ago, and this report has neither `time` nor `id`.
+    /// An equal error arrived this long ago, and the report has neither `time` nor `id`.
     SameError(Duration),
-    /// It is older than what is remembered: it may have been taken.
+    /// The report is older than all remembered ones, so it may have been taken already.
     Forgotten(Moment),
-    /// It was measured before the datum of the axis.
+    /// The report was measured before the datum of the axis.
     BeforeDatum {
         /// Its `time`.
         time: Moment,
@@ -168,7 +168,7 @@ pub(super) struct TakenReport {
     /// When it arrived last, by counted time.
     at: Moment,
     error_um: f64,
-    /// As the sender gave it: no correction of this computer's clock moves it.
+    /// Time of the sender. No correction of this computer's clock moves it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     time: Option<Moment>,
     #[serde(default, skip_serializing_if = "Option::is_none")]

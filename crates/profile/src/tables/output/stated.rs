@@ -1,4 +1,4 @@
-//! What the profile file itself states of an output, and how the control reads what is written.
+//! Output as the profile file itself states it, and the view of the control on the registers that are written.
 
 use serde_json::Value;
 
@@ -43,7 +43,7 @@ pub(crate) fn by(file: &Value, profile: &mut Profile) {
 }
 
 impl Stated {
-    /// The same as the merged profile has it.
+    /// Returns the values of the merged profile.
     fn of(profile: &Profile, output: &Output) -> Stated {
         let axis = profile.axis(output.axis);
         let Encoding { scale, bias, .. } = output.encoding;

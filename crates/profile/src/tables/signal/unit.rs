@@ -14,7 +14,7 @@ pub struct Unit(pub &'static str);
 struct Other {
     /// Its spellings, in small letters and without blanks.
     spellings: &'static [&'static str],
-    /// As people call it.
+    /// Name of the unit.
     name: &'static str,
     known: &'static str,
     factor: f64,
@@ -31,14 +31,14 @@ pub(crate) struct Scaling {
 }
 
 impl Scaling {
-    /// What a table of the first layers says, unless a template has more of it.
+    /// Returns scale and offset of a table of the first layers, unless a template has more of them.
     pub(crate) fn of(table: &Value) -> Scaling {
         let number = |key| table.get(key).and_then(Value::as_f64);
         let has_template = ["channel", "dbc"].iter().any(|key| table.get(key).is_some());
         Scaling { scale: number("scale"), offset: number("offset"), may_stand_elsewhere: has_template }
     }
 
-    /// The same of the entries of a table of this layer.
+    /// Returns scale and offset among the entries of a table of this layer.
     pub(crate) fn among(entries: &[(Spanned<DeString<'_>>, Spanned<DeValue<'_>>)], layer: usize) -> Scaling {
         let find =
             |key| entries.iter().find(|(known, _)| known.get_ref() == key).map(|(_, value)| value.get_ref());

@@ -14,7 +14,7 @@ fn at(ms: u64) -> Moment {
     Moment::from_nanos((1_000_000_000 + ms) * 1_000_000)
 }
 
-/// The same by the wall clock.
+/// Wall-clock time of [`at`].
 fn wall(ms: u64) -> Moment {
     at(ms).shifted(shift())
 }
@@ -35,7 +35,7 @@ fn again(report: MeasuredReport) -> MeasuredReport {
     MeasuredReport { redelivered: true, ..report }
 }
 
-/// What becomes of a report that arrives, and is taken if it may be.
+/// Judges a report that arrives, and takes it if it may.
 fn arrives(
     taken: &mut TakenReports,
     report: &MeasuredReport,
@@ -47,7 +47,7 @@ fn arrives(
     Ok(())
 }
 
-/// The same after another program has read what was kept.
+/// Reports as another program reads them from the saved state.
 fn kept(taken: &TakenReports) -> TakenReports {
     let text = serde_json::to_string(&taken.remembered()).unwrap();
     TakenReports::recalled(serde_json::from_str(&text).unwrap())
