@@ -116,14 +116,12 @@ impl Units {
         }
     }
 
-    /// Values of ours that may still appear in the register, for people.
+    /// The Cz of each write that the register does not show yet and may still take.
     pub(super) fn may_arrive(&self, state: &State) -> Vec<String> {
-        let stands = state.kept().stood;
-        let sent =
-            state.copies().under_way().filter(|sent| sent.answered.is_none() && Some(sent.value) != stands);
-        let mut values: Vec<Counts> = sent.map(|sent| sent.value).collect();
+        let operator = state.kept().account.map_or(Counts::ZERO, |account| account.base - self.bias);
+        let mut values: Vec<Counts> = state.may_arrive().collect();
         values.dedup();
-        values.into_iter().map(|value| self.in_text(value)).collect()
+        values.into_iter().map(|value| self.cz(value - operator).to_string()).collect()
     }
 
     /// So many counts for people, in the register's unit.

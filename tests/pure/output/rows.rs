@@ -72,6 +72,20 @@ fn what_is_acknowledged_and_not_taken_is_tried_again_a_second_later() {
 }
 
 #[test]
+fn a_value_may_arrive_from_the_moment_it_is_sent_until_a_read_shows_it() {
+    let may_arrive = |rig: &Rig| rig.state.may_arrive().collect::<Vec<_>>();
+    for mut rig in [whole(0), shared(3, 0)] {
+        let value = Counts(rig.want(2).unwrap());
+        assert_eq!(may_arrive(&rig), [value], "nothing is known of the write yet");
+        rig.give(Fact::Unknown { left: rig.now });
+        assert_eq!(may_arrive(&rig), [value], "its answer was lost");
+        rig.register = value.0;
+        assert_eq!(rig.settle(), None);
+        assert_eq!(may_arrive(&rig), [], "a read has shown it");
+    }
+}
+
+#[test]
 fn a_value_under_way_is_ours() {
     let mut rig = shared(3, 0);
     assert_eq!(rig.want(2), Some(5));

@@ -141,6 +141,20 @@ impl State {
         &self.copies
     }
 
+    /// Values of ours that may still appear in the register and that it did not hold when it was last read: sent before,
+    /// or being sent now.
+    pub fn may_arrive(&self) -> impl Iterator<Item = Counts> {
+        let sent = self.copies.under_way().map(|sent| sent.value);
+        sent.chain(self.being_written()).filter(|value| self.verified.map(|seen| seen.value) != Some(*value))
+    }
+
+    fn being_written(&self) -> Option<Counts> {
+        match self.doing {
+            Doing::Writing { value, .. } => Some(value),
+            _ => None,
+        }
+    }
+
     /// What has happened since this was last called.
     pub fn take_events(&mut self) -> Slots<Event, 8> {
         self.reports.take()
@@ -154,11 +168,10 @@ impl State {
             let _ = promises.push(Promise { value, at, is_under_way });
         };
         self.copies.under_way().for_each(|sent| add(sent.value, sent.at, true));
-        let about_to_be = self.promised.or(match self.doing {
-            Doing::Writing { value, .. } => Some(value),
-            _ => None,
-        });
-        about_to_be.into_iter().for_each(|value| add(value, self.written_at, true));
+        self.promised
+            .or(self.being_written())
+            .into_iter()
+            .for_each(|value| add(value, self.written_at, true));
         self.copies.lately().for_each(|sent| add(sent.value, sent.at, false));
         Kept {
             in_order: false,
@@ -172,7 +185,7 @@ impl State {
     /// still arrive.
     pub fn end(&mut self) -> Kept {
         (self.promised, self.promised_until) = (None, None);
-        let is_writing = matches!(self.doing, Doing::Writing { .. });
+        let is_writing = self.being_written().is_some();
         let stands = self.verified.map(|verified| verified.value);
         // A repeat of what stands there that was answered as done has moved nothing.
         let is_repeat = |sent: &Sent| sent.answered.is_some() && Some(sent.value) == stands;
