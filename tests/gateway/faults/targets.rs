@@ -131,6 +131,8 @@ fn a_plc_is_given_its_block_in_one_request_a_second_with_heartbeat_control_and_c
     words.dedup();
     let enabled = Control::ENABLE;
     let faulty = enabled | Control::FAULT;
+    // The heartbeat begins with the first good reading, which may be one turn before the axes are armed.
+    let words = words.strip_prefix(&[0]).unwrap_or(&words);
     // The last word says that nothing is armed any more.
     assert_eq!(words, [enabled, faulty | Control::HOLD, faulty, Control::FAULT], "{}", trace.lines());
     let high = blocks.iter().map(|seen| signed(&seen.wanted[8..10])).max().unwrap();
