@@ -187,7 +187,7 @@ fn accepted(bytes: &[u8], digest: Option<&str>, process: &Process) -> Result<Han
         }
         Some(_) => {}
     }
-    match serde_json::from_slice(bytes).and_then(serde_json::from_value::<Document<Handover>>) {
+    match serde_json::from_slice::<Document<Handover>>(bytes) {
         Err(_) => refused("this version of the program does not know its form"),
         Ok(found) if found.process != *process => refused("another process wrote it"),
         Ok(found) => Ok(found.handover),

@@ -17,11 +17,6 @@ use isotherm_core::reading::{Reading, Reason};
 use isotherm_profile::Profile;
 use isotherm_profile::regular::{self, Lines, quoted};
 
-/// Reads a value from JSON by way of a tree: states are read from trees elsewhere, and a second reader of each is dear to build.
-pub(super) fn from_json<T: serde::de::DeserializeOwned>(text: &str) -> serde_json::Result<T> {
-    serde_json::from_str(text).and_then(serde_json::from_value)
-}
-
 /// A log that cannot be read, with the place.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}, line {line}{}: {message}", .column.as_ref().map(|name| format!(", column {name}")).unwrap_or_default())]
@@ -268,7 +263,7 @@ impl<R: Read> LogReader<R> {
             row.decided.push(self.decided(line, columns)?);
         }
         if let Some((place, text)) = self.filled(self.columns.memory) {
-            let remembered = from_json(text).map_err(|cause| self.error(line, place, cause))?;
+            let remembered = serde_json::from_str(text).map_err(|cause| self.error(line, place, cause))?;
             row.begins = Some(remembered);
         }
         if let Some((place, text)) = self.filled(self.columns.zero) {

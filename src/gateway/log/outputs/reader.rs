@@ -7,7 +7,7 @@ use csv::StringRecord;
 
 use super::{BEGIN, Beginning, CLOCK, CZ, FAILURES, FAULT, HEADER, SEALED, WRITES, action, fact};
 use crate::gateway::log::LogError;
-use crate::gateway::log::reader::{from_json, unreadable};
+use crate::gateway::log::reader::unreadable;
 use isotherm_core::output::{Action, Fact};
 use isotherm_core::quantity::{Counts, Moment, time};
 use isotherm_profile::regular::{self, Lines};
@@ -125,7 +125,7 @@ impl<R: Read> OutputLogReader<R> {
                     );
                     self.error(line, DETAIL, why)
                 };
-                Entry::Begins(from_json(self.cell(DETAIL)).map_err(wrong)?)
+                Entry::Begins(serde_json::from_str(self.cell(DETAIL)).map_err(wrong)?)
             }
             CZ | FAULT | WRITES | FAILURES | CLOCK | SEALED => Entry::Noted,
             _ => Entry::Step {
