@@ -141,13 +141,14 @@ impl State {
         &self.copies
     }
 
-    /// Values of ours that may still appear in the register and that it did not hold when it was last read: sent before,
-    /// or being sent now.
+    /// Values that the gateway has sent, or is sending now, and that the last read did not show. Each may still appear in the
+    /// register.
     pub fn may_arrive(&self) -> impl Iterator<Item = Counts> {
         let sent = self.copies.under_way().map(|sent| sent.value);
         sent.chain(self.being_written()).filter(|value| self.verified.map(|seen| seen.value) != Some(*value))
     }
 
+    /// Value of the write that has no result yet.
     fn being_written(&self) -> Option<Counts> {
         match self.doing {
             Doing::Writing { value, .. } => Some(value),
