@@ -1,5 +1,5 @@
 //! The shipped profiles against their plants, without sockets: no other gains are clearly better on the days on which
-//! theirs were identified, and they hold on twenty others. `profiles/identify --check` finds them again to the digit.
+//! theirs were identified, and they hold on others. `profiles/identify --check` finds them again to the digit.
 
 mod fit;
 mod machines;
