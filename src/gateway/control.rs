@@ -24,8 +24,8 @@
 //! → `ok listening to cnc`, two lines an exchange (or with `json` one), and at last `end` with their number. It ends by
 //! itself after that many seconds, or as soon as the asker is gone.
 //!
-//! Connections are counted: who comes when all are taken waits for one that ends, as each without a whole line soon does. Half of
-//! them are for those who stay, so that a command that is soon done finds another.
+//! Connections are counted. When all places are taken, a new connection takes that of the one that has been silent longest, so that
+//! a command does not wait for connections that ask nothing. Half of the places are for clients that stay.
 
 use std::io::{Error, ErrorKind};
 use std::os::fd::AsFd;
@@ -48,9 +48,11 @@ use crate::observe::asker::{Asker, Attendance, Connection, PATIENCE, Way};
 use crate::observe::status::{Answer, Command, Source, Status};
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_profile::{counted, one_line};
+use silent::{Closed, Silent};
 
 mod client;
 mod restart;
+mod silent;
 mod sockets;
 mod user;
 
@@ -163,9 +165,9 @@ pub async fn serve(
     let stays = Arc::new(Semaphore::new(most.div_ceil(2)));
     let desk = Desk { source, wire_log, successor, attendance: attendance.clone(), stays };
     let places = Arc::new(Semaphore::new(most));
+    let silent = Silent::of(most);
     let accepting = async {
-        // It is never closed.
-        while let Ok(place) = places.clone().acquire_owned().await {
+        loop {
             let accepted = tokio::select! {
                 accepted = listener.accept() => accepted,
                 () = tokio::time::sleep(DELETED) => {
@@ -177,10 +179,12 @@ pub async fn serve(
                 tokio::time::sleep(Duration::from_millis(100)).await;
                 continue;
             };
-            let desk = desk.clone();
+            // The semaphore is never closed.
+            let Some(place) = silent.place(&places).await else { return };
+            let (desk, closed) = (desk.clone(), silent.enter());
             tokio::spawn(async move {
                 // It ends with its asker.
-                let _ = desk.serve(stream).await;
+                let _ = desk.serve(stream, closed).await;
                 drop(place);
             });
         }
@@ -200,12 +204,15 @@ fn made_again(listener: UnixListener) -> UnixListener {
 }
 
 impl Desk {
-    async fn serve(&self, stream: UnixStream) -> std::io::Result<()> {
+    async fn serve(&self, stream: UnixStream, closed: Closed) -> std::io::Result<()> {
         let who = user::name(&stream);
         let connection: Arc<Connection> = Arc::new(stream.as_fd().try_clone_to_owned()?);
         let (mut reader, mut writer) = stream.into_split();
-        let heard = tokio::time::timeout(PATIENCE, hear(&mut reader)).await;
-        let heard = heard.ok().flatten().unwrap_or_default();
+        let heard = tokio::select! {
+            biased;
+            heard = tokio::time::timeout(PATIENCE, hear(&mut reader)) => heard.ok().flatten().unwrap_or_default(),
+            _ = closed => return Ok(()),
+        };
         let (trace, line) = (TraceRequest::parse(heard.trim()), Line::parse(heard.trim()));
         let restart = restart::Request::parse(heard.trim());
         let stays = trace.is_some()

@@ -1,6 +1,6 @@
 //! The asker's end of the command socket.
 
-use std::io::{BufRead, BufReader, Lines, Write};
+use std::io::{BufRead, BufReader, ErrorKind, Lines, Write};
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::Duration;
@@ -179,13 +179,13 @@ pub fn presence(path: &Path) -> Presence {
 /// started.
 fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
     let no_gateway = |error: std::io::Error| {
-        if error.kind() == std::io::ErrorKind::PermissionDenied {
+        if error.kind() == ErrorKind::PermissionDenied {
             return Failure::Forbidden(user::forbidden(path));
         }
         let path = path.display();
         match error.kind() {
-            std::io::ErrorKind::NotFound => Failure::NoGateway(format!("there is no {path}")),
-            std::io::ErrorKind::ConnectionRefused => Failure::NoGateway(format!("nobody answers at {path}")),
+            ErrorKind::NotFound => Failure::NoGateway(format!("there is no {path}")),
+            ErrorKind::ConnectionRefused => Failure::NoGateway(format!("nobody answers at {path}")),
             _ => Failure::NoGateway(format!("{path}: {error}")),
         }
     };
@@ -201,7 +201,7 @@ fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
                 socket.set_nonblocking(false).map_err(no_gateway)?;
                 return Ok(socket.into());
             }
-            Err(error) if error.kind() != std::io::ErrorKind::WouldBlock => return Err(no_gateway(error)),
+            Err(error) if error.kind() != ErrorKind::WouldBlock => return Err(no_gateway(error)),
             Err(_) if Passing::default().passed() >= until => return Err(Failure::NoAnswer),
             Err(_) => std::thread::sleep(ASK_AGAIN),
         }
@@ -211,17 +211,22 @@ fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
 /// Sends a line: what the first line of the answer says, and the lines behind it.
 fn ask(path: &Path, line: &str, patience: Duration) -> Result<Answered, Failure> {
     let until = Passing::default().passed() + PATIENCE;
-    let mut stream = connect(path, until)?;
-    let sent = stream.set_read_timeout(Some(patience + UNDER_WAY)).and_then(|()| {
-        let until = if line == STATUS || line.starts_with("trace") {
-            String::new()
-        } else {
-            format!(" until={}", until.as_secs_f64())
-        };
-        // In one piece: half a line is no command.
-        stream.write_all(format!("{line}{until}\n").as_bytes())
-    });
-    sent.map_err(|_| Failure::Ended)?;
+    let has_deadline = line != STATUS && !line.starts_with("trace");
+    let deadline = if has_deadline { format!(" until={}", until.as_secs_f64()) } else { String::new() };
+    // In one piece: half a line is no command.
+    let whole = format!("{line}{deadline}\n");
+    let stream = loop {
+        let mut stream = connect(path, until)?;
+        let sent = stream
+            .set_read_timeout(Some(patience + UNDER_WAY))
+            .and_then(|()| stream.write_all(whole.as_bytes()));
+        match sent {
+            Ok(()) => break stream,
+            // Closed before it was heard, because many others come who say nothing.
+            Err(error) if error.kind() == ErrorKind::BrokenPipe && Passing::default().passed() < until => {}
+            Err(_) => return Err(Failure::Ended),
+        }
+    };
     let mut lines = BufReader::new(stream).lines();
     let answer = lines.next().ok_or(Failure::Ended)?.map_err(silent)?;
     Ok((understand(&answer)?, lines))
@@ -229,7 +234,7 @@ fn ask(path: &Path, line: &str, patience: Duration) -> Result<Answered, Failure>
 
 fn silent(error: std::io::Error) -> Failure {
     match error.kind() {
-        std::io::ErrorKind::WouldBlock | std::io::ErrorKind::TimedOut => Failure::NoAnswer,
+        ErrorKind::WouldBlock | ErrorKind::TimedOut => Failure::NoAnswer,
         _ => Failure::Ended,
     }
 }

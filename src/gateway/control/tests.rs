@@ -6,7 +6,7 @@ use crate::observe::events::Event;
 use crate::observe::events::file::Found;
 use crate::observe::status::Status;
 use isotherm_core::quantity::Moment;
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
 
 #[derive(Default)]
@@ -153,6 +153,34 @@ async fn a_word_it_does_not_know_is_refused_and_one_that_never_ends_is_cut() {
     .await;
     assert!(answers[0].starts_with("error this socket understands"), "{answers:?}");
     assert!(commands.is_empty());
+}
+
+/// 32 places; a client that waits to arm keeps its own.
+#[tokio::test]
+async fn a_command_takes_the_place_of_the_connection_that_has_been_silent_longest() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = path(directory.path(), "m");
+    let socket = path.clone();
+    let ((answer, waits, closed), commands) = beside(&path, move || {
+        let mut waiting = UnixStream::connect(&socket).unwrap();
+        waiting.write_all(b"arm axis=z stay\n").unwrap();
+        let mut waiting = BufReader::new(waiting).lines();
+        let first = waiting.next().unwrap().unwrap();
+        let silent: Vec<UnixStream> = (0..600).map(|_| UnixStream::connect(&socket).unwrap()).collect();
+        let answer = send(&socket, Command::Disarm, None);
+        let waits = [first, waiting.next().unwrap().unwrap()];
+        let is_closed = |stream: &&UnixStream| {
+            stream.set_nonblocking(true).unwrap();
+            let mut stream: &UnixStream = stream;
+            matches!(stream.read(&mut [0]), Ok(0))
+        };
+        (answer, waits, silent.iter().take(500).filter(is_closed).count())
+    })
+    .await;
+    assert_eq!(answer, Ok(Answer::Done("z: as you say".to_owned())));
+    assert_eq!(commands, [Command::Arm, Command::Disarm]);
+    assert!(waits[0].starts_with("waits") && waits[1] == "still", "{waits:?}");
+    assert_eq!(closed, 500, "the oldest are closed");
 }
 
 #[tokio::test]
