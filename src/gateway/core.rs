@@ -21,7 +21,7 @@ use super::why::Reasons;
 use crate::observe::asker::Way;
 use crate::observe::events::Event;
 use isotherm_core::compensation::settings::OnFault;
-use isotherm_core::compensation::{AxisState, Compensation, Control, Remembered, Snapshot};
+use isotherm_core::compensation::{AxisState, Compensation, Control, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::Reason;
 use isotherm_profile::duration_text;
@@ -142,6 +142,11 @@ impl Core {
         if !due {
             self.board.look(now);
         }
+        for axis in 0..self.controls.len() {
+            if self.compensation.is_due(axis, now, &self.controls[axis]) {
+                self.controls[axis].behind = self.behind(axis);
+            }
+        }
         self.storage.prepare(now, &self.compensation);
         let snapshot = Snapshot::new(now, self.board.seen());
         let stepped = self.compensation.step(&snapshot, &self.controls);
@@ -218,7 +223,7 @@ impl Core {
             let sign = arming.sign.as_ref().map(|check| check.to);
             let Probing { forget, measured, .. } = self.probing[axis];
             self.controls[axis] =
-                Control { permit, take_over, take_over_slope, forget, measured, sign, trust };
+                Control { permit, take_over, take_over_slope, forget, measured, sign, trust, behind: None };
             is_urgent |= self.compensation.is_due(axis, now, &self.controls[axis]);
         }
     }
@@ -358,8 +363,42 @@ impl Core {
         if decision.state == AxisState::Off || *dry_run {
             return true;
         }
-        let settings = &profile.axes[axis].settings;
-        let grain = |output: &Output| match (output.writes, settings.intercept_slope) {
+        let is_held =
+            |id: &OutputId| self.registers[id.0].is_some() && matches!(decision.state, AxisState::Holding(_));
+        self.outputs.ids(axis).iter().all(|id| {
+            let (output, state) = (profile.output(*id), &self.outputs[id.0]);
+            match state.standing {
+                // While its axis holds, nothing changes it any more.
+                Standing::Verified if is_held(id) => true,
+                Standing::Verified => state.cz.is_some_and(|cz| self.is_there(decision, output, state, cz)),
+                // It cannot be written, however long one waits; a position that is not read is not corrected.
+                Standing::Interlocked => true,
+                _ => !output.writes.is_scheduled(),
+            }
+        })
+    }
+
+    /// The verified Cz of the output that is farthest behind what its axis decided last, among those that answer.
+    fn behind(&self, axis: usize) -> Option<Micron> {
+        let profile = &self.given.profile;
+        let decision = self.compensation.decision(axis)?;
+        let waits = |id: &OutputId| {
+            let (output, state) = (profile.output(*id), &self.outputs[id.0]);
+            let takes_cz =
+                output.writes.is_scheduled() && !matches!(output.writes, Writes::Slope | Writes::Reference);
+            let cz = state.cz.filter(|_| takes_cz && state.standing == Standing::Verified)?;
+            (!self.is_there(decision, output, state, cz)).then_some(cz)
+        };
+        let all = self.outputs.ids(axis).iter().filter_map(waits);
+        let distance = |cz: &Micron| (*cz - decision.cz).abs().get();
+        all.max_by(|one, other| distance(one).total_cmp(&distance(other)))
+    }
+
+    /// This Cz is what was decided, to half a count of its register.
+    fn is_there(&self, decision: &Decision, output: &Output, state: &OutputState, cz: Micron) -> bool {
+        let profile = &self.given.profile;
+        let settings = &profile.axis(output.axis).settings;
+        let grain = match (output.writes, settings.intercept_slope) {
             (Writes::Slope, Some(apart)) => apart.count.unwrap_or(Micron::ZERO),
             // A floating-point register is written in thousandths of a step.
             _ => settings
@@ -368,24 +407,9 @@ impl Core {
                 .or_else(|| Micron::new(settings.guard.step.get() * 1e-3))
                 .unwrap_or_default(),
         };
-        let is_there = |output: &Output, state: &OutputState, cz: Micron| {
-            let (wanted, grain) = (part(decision, output.writes), grain(output).get());
-            let base = state.shares.map(|(base, _)| base / cz_factor(profile, output));
-            output.writes == Writes::Reference || is_near(cz, wanted, grain, base.unwrap_or_default())
-        };
-        let is_held =
-            |id: &OutputId| self.registers[id.0].is_some() && matches!(decision.state, AxisState::Holding(_));
-        self.outputs.ids(axis).iter().all(|id| {
-            let (output, state) = (profile.output(*id), &self.outputs[id.0]);
-            match state.standing {
-                // While its axis holds, nothing changes it any more.
-                Standing::Verified if is_held(id) => true,
-                Standing::Verified => state.cz.is_some_and(|cz| is_there(output, state, cz)),
-                // It cannot be written, however long one waits; a position that is not read is not corrected.
-                Standing::Interlocked => true,
-                _ => !output.writes.is_scheduled(),
-            }
-        })
+        let base = state.shares.map(|(base, _)| base / cz_factor(profile, output));
+        let wanted = part(decision, output.writes);
+        output.writes == Writes::Reference || is_near(cz, wanted, grain.get(), base.unwrap_or_default())
     }
 
     /// Switches an axis off until a person arms it again.

@@ -153,6 +153,11 @@ pub(super) fn part(decision: &Decision, writes: Writes) -> Micron {
     if writes == Writes::Slope { decision.slope } else { decision.cz }
 }
 
+/// What that part is on its way to.
+pub(super) fn target(decision: &Decision, writes: Writes) -> Micron {
+    if writes == Writes::Slope { decision.slope_target } else { decision.target }
+}
+
 /// What stands in a register is what is wanted there, to half a count of this size. Beside an operator's part, `base`, their
 /// sum is never made zero: where it would be, the count beside it is as near as it gets.
 pub(super) fn is_near(cz: Micron, wanted: Micron, grain: f64, base: f64) -> bool {

@@ -61,7 +61,7 @@ impl Desk {
     /// Ten seconds later; a change to it may be sent for one second.
     fn decide(&mut self, what: &str, offset: Counts) {
         self.now = self.now.after(10 * SECOND);
-        self.give(what, Fact::Decided { offset, not_after: self.now.after(SECOND) });
+        self.give(what, Fact::Decided { offset, target: None, not_after: self.now.after(SECOND) });
     }
 
     /// Gives a fact in, and carries out what is asked for until that is nothing.
@@ -95,7 +95,7 @@ impl Desk {
 
     fn fact(&self, fact: Fact) -> String {
         match fact {
-            Fact::Decided { offset, not_after } => {
+            Fact::Decided { offset, not_after, .. } => {
                 format!("decided {offset} until {:.1}", self.seconds(not_after))
             }
             Fact::Read { found, .. } => format!("read {found}"),

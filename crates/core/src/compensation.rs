@@ -125,6 +125,9 @@ pub struct Control {
     pub sign: Option<Micron>,
     /// A person has disarmed it, and has looked: whatever its sensors read is believed.
     pub trust: bool,
+    /// The verified Cz of the output farthest behind the decision, while it waits: Cz stays within one step of it. `None` where no
+    /// output waits.
+    pub behind: Option<Micron>,
 }
 
 impl Control {
@@ -192,6 +195,13 @@ pub struct Decision {
     /// Where the control applies the slope itself: what it comes to at the axis's reach, after the guard; else zero.
     /// Cz is K0 there, the value at the reference position.
     pub slope: Micron,
+    /// What Cz is on its way to, within the limit: the value that the model, the fault action, the stop or the sign check
+    /// requests. Cz itself while nothing is requested.
+    #[serde(default)]
+    pub target: Micron,
+    /// The same for the slope.
+    #[serde(default)]
+    pub slope_target: Micron,
     /// What the axis is doing.
     pub state: AxisState,
     /// The stages of the guard that changed the value.

@@ -22,6 +22,10 @@
 //!      └─────────────────────┴──────────────────────────────── refused · not sent ──┘
 //! ```
 //!
+//! A decision has the **target** that its offset is on its way to: what the model, the fault action, the stop or the sign check
+//! requests. A value that is sent lies between the verified value and the target, so that a guard that went on while the register
+//! waited never moves it away from the target. One count beyond is sent only if the target itself is a zero that is avoided.
+//!
 //! A **shared** register holds the operator's part (base) and ours (share), and shows only the sum. Before a value is
 //! sent it is on disk as a promise, absolute as the register would hold it; after that the register is read once more, so
 //! that an edit in between is seen. Whenever the process dies, what stands in the register is base + share, or one of the
@@ -69,6 +73,7 @@ use crate::quantity::{Counts, Moment};
 mod copies;
 mod event;
 mod facts;
+mod inside;
 mod judge;
 mod kept;
 mod plan;
@@ -81,6 +86,7 @@ mod turns;
 
 pub use copies::{Copies, LatelySent, MOST_REMEMBERED, MOST_UNDER_WAY, Room, Sent};
 pub use event::{Doubt, Event};
+pub use inside::next_inside;
 pub use kept::{Account, Kept, Promise};
 pub use settings::{Rules, Settings, Verify};
 pub use slots::Slots;
@@ -96,6 +102,9 @@ pub enum Fact {
     Decided {
         /// Counts from the bias; of a shared register our share.
         offset: Counts,
+        /// What the offset is on its way to, within the limit: the value that the model, the fault action, the stop or the sign
+        /// check requests. `None` if that is not known: then the register goes to the offset from either side.
+        target: Option<Counts>,
         /// A change to it may be sent until then.
         not_after: Moment,
     },

@@ -2,7 +2,7 @@
 
 use crate::gateway::core::Core;
 use crate::gateway::line_handle::LineHandle;
-use crate::gateway::units::part;
+use crate::gateway::units::{part, target};
 use isotherm_core::compensation::AxisState;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::SignalId;
@@ -11,6 +11,8 @@ use isotherm_profile::{OutputId, Writes};
 pub(super) struct Order {
     /// Cz, or what the slope comes to at the axis's reach.
     pub(super) cz: Micron,
+    /// What that is on its way to.
+    pub(super) target: Micron,
     pub(super) decided: Moment,
     pub(super) armed: bool,
     /// Nothing is wanted of it: it is not armed, or nothing was decided since.
@@ -41,6 +43,7 @@ impl Order {
         let position = output.writes.position();
         Order {
             cz: decision.map_or(Micron::ZERO, |decision| part(decision, output.writes)),
+            target: decision.map_or(Micron::ZERO, |decision| target(decision, output.writes)),
             decided: decision.map_or(Moment::default(), |decision| decision.at),
             position: position.and_then(value),
             not_after: match position {

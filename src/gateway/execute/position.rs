@@ -23,6 +23,7 @@ use crate::gateway::units::{cz_factor, registers_in_text};
 use crate::observe::events::Event;
 use isotherm_core::codec::{ControlView, Encoded};
 use isotherm_core::compensation::AxisState;
+use isotherm_core::output::next_inside;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Arm, Output, OutputId, Profile, Shown, Stretch};
@@ -149,7 +150,7 @@ impl Position {
         }
         let Some((last, decided)) = self.inside else { return order.cz };
         let step = shared.profile.axis(output.axis).settings.guard.step;
-        if decided == order.decided { last } else { last + (order.cz - last).clamp_to(step) }
+        if decided == order.decided { last } else { next_inside(last, order.cz, order.target, step) }
     }
 
     fn encode(&mut self, shared: &LineHandle, output: &Output, value: f64) -> Encoded {

@@ -181,7 +181,9 @@ impl Register {
             return self.lapsed(shared, order);
         }
         self.is_to_be_changed = is_changed;
-        self.step(shared, Fact::Decided { offset, not_after: order.not_after }, now);
+        // A reference position is no correction, and goes to its value at once.
+        let target = (output.writes != Writes::Reference).then(|| self.units.offset(order.target));
+        self.step(shared, Fact::Decided { offset, target, not_after: order.not_after }, now);
     }
 
     /// What was sent before stands there, or can be sent once more: near enough, and on readings that are good now; of one
@@ -200,7 +202,7 @@ impl Register {
             return;
         }
         let offset = value - self.settings.bias;
-        self.step(shared, Fact::Decided { offset, not_after: order.not_after }, now);
+        self.step(shared, Fact::Decided { offset, target: None, not_after: order.not_after }, now);
     }
 
     /// The register holds less than is wanted.

@@ -15,7 +15,7 @@
 //! | fact | value | moment |
 //! |---|---|---|
 //! | `look`, `goes-along`, `no-answer`, `refused`, `not-sent`, `kept`, `not-kept`, `restarted`, `interlocked`, `released`, `armed-by-person`, `armed-by-policy`, `off`, `paused` | | |
-//! | `decided` | the offset | a change may be sent until then |
+//! | `decided`; in `detail` the target that the offset is on its way to (JSON), if it is known | the offset | a change may be sent until then |
 //! | `read` | what stands there | when that was asked |
 //! | `done`, `unknown` | | when the write had left |
 //! | `went-along`, `went-along-unknown` | what went along | when it had left |
@@ -68,6 +68,23 @@ pub struct Beginning {
     pub state: State,
 }
 
+/// The detail of a decision.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Towards {
+    /// What the offset is on its way to: counts from the bias, or our share.
+    target: Counts,
+}
+
+impl Towards {
+    fn of(fact: Fact) -> Option<Towards> {
+        match fact {
+            Fact::Decided { target, .. } => target.map(|target| Towards { target }),
+            _ => None,
+        }
+    }
+}
+
 /// How a fact or an action stands in a row: its name, its value and its moment, which may never come.
 type Cells = (&'static str, Option<Counts>, Moment);
 
@@ -91,7 +108,7 @@ const PLAIN: [Fact; 14] = [
 
 fn cells_of_fact(fact: Fact) -> Cells {
     let name = match fact {
-        Fact::Decided { offset, not_after } => return ("decided", Some(offset), not_after),
+        Fact::Decided { offset, target: _, not_after } => return ("decided", Some(offset), not_after),
         Fact::WentAlong { value, left, is_done: true } => return ("went-along", Some(value), left),
         Fact::WentAlong { value, left, is_done: false } => return ("went-along-unknown", Some(value), left),
         Fact::Read { found, asked } => return ("read", Some(found), asked),
@@ -118,7 +135,7 @@ fn cells_of_fact(fact: Fact) -> Cells {
 /// The fact of this name; `None` where there is none, or it lacks its value.
 fn fact(name: &str, value: Option<Counts>, moment: Moment) -> Option<Fact> {
     Some(match name {
-        "decided" => Fact::Decided { offset: value?, not_after: moment },
+        "decided" => Fact::Decided { offset: value?, target: None, not_after: moment },
         "went-along" => Fact::WentAlong { value: value?, left: moment, is_done: true },
         "went-along-unknown" => Fact::WentAlong { value: value?, left: moment, is_done: false },
         "read" => Fact::Read { found: value?, asked: moment },

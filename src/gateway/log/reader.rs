@@ -8,8 +8,8 @@ use csv::StringRecord;
 use jiff::tz::TimeZone;
 
 use super::{
-    ACTING, DECIDED, ERROR, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, SIGN, SLOPE_FROM, STOOD_IN,
-    TIME, TRUST, ZERO,
+    ACTING, BEHIND, DECIDED, ERROR, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, SIGN, SLOPE_FROM,
+    STOOD_IN, TIME, TRUST, ZERO,
 };
 use isotherm_core::compensation::{Control, Measured, Permit, Remembered};
 use isotherm_core::quantity::{Dialect, Micron, Moment, time};
@@ -107,6 +107,7 @@ struct AxisColumns {
     acting: Option<usize>,
     forget: Option<usize>,
     sign: Option<usize>,
+    behind: Option<usize>,
     error: Option<usize>,
     decided: Option<[usize; 5]>,
     expected: Option<usize>,
@@ -293,6 +294,7 @@ impl<R: Read> LogReader<R> {
         let measured = self.micron(line, columns.measured)?.map(|error| Measured { error, acting });
         let forget = self.filled(columns.forget).is_some();
         let sign = self.micron(line, columns.sign)?;
+        let behind = self.micron(line, columns.behind)?;
         let trust = self.filled(columns.trust).is_some();
         let Some(place) = columns.permit else {
             let at_rest = self.last.is_none().then_some(Micron::ZERO);
@@ -303,6 +305,7 @@ impl<R: Read> LogReader<R> {
                 measured,
                 sign,
                 trust,
+                behind,
                 ..Control::default()
             });
         };
@@ -310,7 +313,7 @@ impl<R: Read> LogReader<R> {
         let permit = Permit::from_name(word).ok_or_else(|| {
             self.error(line, place, format!("`{word}` is none of off, armed, unverified, stopping"))
         })?;
-        Ok(Control { permit, take_over, take_over_slope, forget, measured, sign, trust })
+        Ok(Control { permit, take_over, take_over_slope, forget, measured, sign, trust, behind })
     }
 
     fn decided(&self, line: u64, columns: &AxisColumns) -> Result<Option<Decided>, LogError> {
@@ -393,6 +396,7 @@ impl Columns {
                 acting: of(ACTING),
                 forget: of(FORGET),
                 sign: of(SIGN),
+                behind: of(BEHIND),
                 error: of(ERROR),
                 decided,
                 expected: of(EXPECTED),

@@ -3,8 +3,8 @@
 use std::io::Write;
 
 use super::{
-    ACTING, CLOCK, CORRECTION, DECIDED, DRY_RUN, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, SIGN,
-    SLOPE, SLOPE_FROM, STOOD_IN, TIME, TRUST, ZERO,
+    ACTING, BEHIND, CLOCK, CORRECTION, DECIDED, DRY_RUN, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT,
+    SIGN, SLOPE, SLOPE_FROM, STOOD_IN, TIME, TRUST, ZERO,
 };
 use crate::clock::Correction;
 use isotherm_core::compensation::{Control, Decision, Remembered, Snapshot};
@@ -81,7 +81,7 @@ impl Recorder {
             let stood_in = is_watched(axis).then_some([STOOD_IN, TRUST]);
             let more = slope.into_iter().flatten().chain(probe.into_iter().flatten());
             let more = more.chain(expected).chain(stood_in.into_iter().flatten());
-            for column in [PERMIT, FROM].into_iter().chain(DECIDED).chain([SIGN]).chain(more) {
+            for column in [PERMIT, FROM].into_iter().chain(DECIDED).chain([SIGN, BEHIND]).chain(more) {
                 header += ",";
                 header += &cell(&format!("{}_{column}", axis.settings.name));
             }
@@ -138,6 +138,7 @@ impl Recorder {
             // Writing to a vector never fails.
             let _ = write!(line, ",{}", decision.acted);
             optional(line, control.sign.map(|place| place.get()));
+            optional(line, control.behind.map(|verified| verified.get()));
             if *apart {
                 optional(line, control.take_over_slope.map(|found| found.get()));
                 optional(line, Some(decision.slope.get()));

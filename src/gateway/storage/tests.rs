@@ -180,7 +180,11 @@ mod outputs {
                 self.give(Fact::Armed { by: Who::Person });
                 self.carry_out();
                 let offset = if self.register == 0 { 2 } else { 0 };
-                self.give(Fact::Decided { offset: Counts(offset), not_after: self.now.after(SECOND) });
+                self.give(Fact::Decided {
+                    offset: Counts(offset),
+                    target: None,
+                    not_after: self.now.after(SECOND),
+                });
                 self.carry_out();
             }
         }

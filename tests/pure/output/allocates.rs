@@ -29,7 +29,7 @@ fn no_step_allocates() {
                     }
                     Action::Nothing { .. } if count % 2 == 0 => Fact::Armed { by: Who::Person },
                     Action::Nothing { .. } => {
-                        Fact::Decided { offset: Counts(5), not_after: now.after(settings.late) }
+                        Fact::Decided { offset: Counts(5), target: None, not_after: now.after(settings.late) }
                     }
                 };
             }

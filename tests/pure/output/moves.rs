@@ -65,7 +65,7 @@ type Go<'a> = dyn FnMut(Name, &mut dyn FnMut(&mut World) -> Broken) + 'a;
 
 fn writes(world: &World, settings: &Settings, go: &mut Go<'_>) {
     let left = world.left;
-    let value = match world.write() {
+    let value = match world.write(settings) {
         Ok(value) => value.unwrap_or_default(),
         Err(why) => return go("write", &mut |_| Err(why.clone())),
     };

@@ -74,7 +74,14 @@ impl Rig {
     /// Another decision; the write that it leads to.
     pub(crate) fn want(&mut self, offset: i64) -> Option<i64> {
         let not_after = self.now.after(Duration::from_secs(1));
-        self.give(Fact::Decided { offset: Counts(offset), not_after });
+        self.give(Fact::Decided { offset: Counts(offset), target: None, not_after });
+        self.settle()
+    }
+
+    /// The same on the way to a target.
+    pub(crate) fn want_towards(&mut self, offset: i64, target: i64) -> Option<i64> {
+        let not_after = self.now.after(Duration::from_secs(1));
+        self.give(Fact::Decided { offset: Counts(offset), target: Some(Counts(target)), not_after });
         self.settle()
     }
 

@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use isotherm_core::output::{Account, Action, Doubt, Event, Fact, Kept, Settings, Standing, Verify, Who};
+use isotherm_core::output::{
+    Account, Action, Doubt, Event, Fact, Kept, Rules, Settings, Standing, Verify, Who,
+};
 use isotherm_core::quantity::Counts;
 
 use super::rig::Rig;
@@ -332,7 +334,11 @@ fn whatever_interrupts_a_decision_ends_it() {
 #[test]
 fn what_the_disk_does_not_keep_is_not_sent() {
     let mut rig = shared(3, 0);
-    rig.give(Fact::Decided { offset: Counts(2), not_after: rig.now.after(Duration::from_secs(1)) });
+    rig.give(Fact::Decided {
+        offset: Counts(2),
+        target: None,
+        not_after: rig.now.after(Duration::from_secs(1)),
+    });
     rig.give(Fact::Read { found: Counts(3), asked: rig.now });
     assert_eq!(rig.action, Action::Keep);
     rig.give(Fact::NotKept);
@@ -437,4 +443,48 @@ fn what_was_sent_beside_another_part_of_the_operators_is_not_taken_for_a_share_b
     assert_eq!(rig.seconds(1, 2), None);
     assert_eq!((doubt(&rig), standing(&rig)), (Some(Doubt::YoursOrOurs), Standing::Barred));
     assert_eq!(rig.parts(), (103, 0), "no share of nearly a hundred");
+}
+
+/// The guard is on the other side of the register, which waits for it. Nor does a write go beyond the target.
+#[test]
+fn a_guard_that_is_ahead_never_takes_the_register_away_from_the_target() {
+    let kept = Kept { in_order: true, ..Kept::default() };
+    let mut rig = Rig::new(Settings { step: Counts(3), ..settings(false, 40, 4) }, kept);
+    assert_eq!(rig.want_towards(28, -36), None);
+    assert_eq!((rig.want_towards(-1, -36), rig.done()), (Some(-1), None));
+    assert_eq!((rig.want_towards(-9, -2), rig.done()), (Some(-2), None));
+    assert_eq!(rig.want_towards(-9, -2), None);
+}
+
+/// The zero of a restarted control is avoided by one count, which may lie beyond the target.
+#[test]
+fn where_the_target_is_a_zero_that_is_avoided_the_register_goes_one_count_beyond() {
+    let mut rig = shared(1, 0);
+    assert_eq!(rig.want_towards(-1, -1), None, "1 - 1 is zero, and 1 is as near as -1");
+    assert_eq!(rig.want_towards(-2, -2), Some(-1));
+}
+
+/// Seen on a machine: the register waited at 1 while the guard went to 28, and the target became -36. By one count a second they met
+/// at 15, fourteen counts in the wrong direction.
+#[test]
+fn a_register_that_waited_goes_to_the_new_target_at_once() {
+    let highest = |no_windup| {
+        let rules = Rules { no_windup, ..Rules::default() };
+        let mut rig = Rig::new(
+            Settings { rules, ..settings(false, 40, 4) },
+            Kept { in_order: true, ..Kept::default() },
+        );
+        rig.go(1);
+        let mut highest = rig.register;
+        for guard in (-36..=28).rev() {
+            rig.now = rig.now.after(Duration::from_secs(1));
+            if rig.want_towards(guard, -36).is_some() {
+                assert_eq!(rig.done(), None);
+            }
+            highest = highest.max(rig.register);
+        }
+        assert_eq!(rig.register, -36);
+        highest
+    };
+    assert_eq!((highest(true), highest(false)), (1, 15));
 }

@@ -66,7 +66,7 @@ pub(crate) fn search(settings: &Settings, budget: Budget, most: usize, every: u6
                 if !known.insert(hash) {
                     return;
                 }
-                searched.spent += usize::from(next.left == Budget::NONE);
+                searched.spent += usize::from(next.left.is_spent());
                 if hash % every == 0 {
                     match next.runs_out(settings) {
                         Ok(seconds) => searched.longest = searched.longest.max(seconds),

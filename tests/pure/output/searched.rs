@@ -142,6 +142,27 @@ fn without_the_sixth_rule_the_limit_and_the_operators_part_are_lost() {
     breaks("shared without doubt", &settings(true, 3, 3), LINK, rules);
 }
 
+const GUARDED: Budget =
+    Budget { holds: 2, losses: 1, targets: 2, pauses: 1, has_guard: true, ..Budget::NONE };
+
+/// An axis whose guard goes to the target by one step a second.
+#[test]
+fn a_register_behind_its_guard_never_moves_away_from_the_target() {
+    holds("whole, behind a guard", &settings(false, 3, 3), GUARDED);
+    holds("shared, behind a guard", &settings(true, 3, 3), GUARDED);
+    let echo = Settings { verify: Verify::Echo, ..settings(false, 3, 3) };
+    holds("unread, behind a guard", &echo, GUARDED);
+    let beside = Budget { beats: 2, holds: 1, ..GUARDED };
+    holds("in a set, behind a guard", &settings(false, 3, 3), beside);
+}
+
+#[test]
+fn without_the_eleventh_rule_a_guard_that_went_on_moves_the_register_away_from_the_target() {
+    let rules = Rules { no_windup: false, ..Rules::default() };
+    breaks("whole without R11", &settings(false, 3, 3), GUARDED, rules);
+    breaks("shared without R11", &settings(true, 3, 3), GUARDED, rules);
+}
+
 #[test]
 fn a_long_walk_among_all_faults_at_once_breaks_nothing() {
     let refresh = Some(Duration::from_secs(1));

@@ -233,7 +233,11 @@ fn the_sum_zero_is_never_sent_while_something_is_the_operators() {
 fn nothing_is_promised_that_an_operator_has_just_typed() {
     let mut rig = shared(5, 0);
     rig.register = 6;
-    rig.give(Fact::Decided { offset: Counts(1), not_after: rig.now.after(Duration::from_secs(1)) });
+    rig.give(Fact::Decided {
+        offset: Counts(1),
+        target: None,
+        not_after: rig.now.after(Duration::from_secs(1)),
+    });
     assert_eq!(rig.action, Action::Read, "before the promise");
     let write = rig.settle();
     assert_eq!((write, rig.parts()), (Some(7), (6, 0)));
@@ -243,19 +247,31 @@ fn nothing_is_promised_that_an_operator_has_just_typed() {
 fn a_promise_that_grew_old_before_it_was_sent_is_made_anew_for_what_is_wanted_then() {
     let mut rig = shared(5, 0);
     let late = rig.now.after(Duration::from_secs(1));
-    rig.give(Fact::Decided { offset: Counts(1), not_after: late });
+    rig.give(Fact::Decided { offset: Counts(1), target: None, not_after: late });
     rig.give(Fact::Read { found: Counts(5), asked: rig.now });
     rig.give(Fact::Kept);
     rig.now = late;
     assert_eq!(rig.settle(), None, "its readings are too old");
-    rig.give(Fact::Decided { offset: Counts(3), not_after: rig.now.after(Duration::from_secs(1)) });
+    rig.give(Fact::Decided {
+        offset: Counts(3),
+        target: None,
+        not_after: rig.now.after(Duration::from_secs(1)),
+    });
     assert_eq!((rig.settle(), rig.parts()), (Some(7), (5, 0)));
     // One that is young enough is sent, so that a slow disk keeps nothing back for ever.
     let mut rig = shared(5, 0);
-    rig.give(Fact::Decided { offset: Counts(1), not_after: rig.now.after(Duration::from_secs(1)) });
+    rig.give(Fact::Decided {
+        offset: Counts(1),
+        target: None,
+        not_after: rig.now.after(Duration::from_secs(1)),
+    });
     rig.give(Fact::Read { found: Counts(5), asked: rig.now });
     let young = rig.now.after(Duration::from_millis(10));
-    rig.give(Fact::Decided { offset: Counts(3), not_after: rig.now.after(Duration::from_secs(2)) });
+    rig.give(Fact::Decided {
+        offset: Counts(3),
+        target: None,
+        not_after: rig.now.after(Duration::from_secs(2)),
+    });
     rig.give(Fact::Kept);
     rig.give(Fact::Read { found: Counts(5), asked: rig.now });
     assert!(rig.now < young);
@@ -267,7 +283,11 @@ fn a_promise_that_grew_old_before_it_was_sent_is_made_anew_for_what_is_wanted_th
 #[test]
 fn an_edit_between_promise_and_write_is_seen() {
     let mut rig = shared(5, 0);
-    rig.give(Fact::Decided { offset: Counts(1), not_after: rig.now.after(Duration::from_secs(1)) });
+    rig.give(Fact::Decided {
+        offset: Counts(1),
+        target: None,
+        not_after: rig.now.after(Duration::from_secs(1)),
+    });
     rig.give(Fact::Read { found: Counts(5), asked: rig.now });
     assert_eq!(rig.action, Action::Keep);
     rig.register = 8;

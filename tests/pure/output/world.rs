@@ -40,6 +40,8 @@ pub(crate) struct Budget {
     pub(crate) targets: u8,
     /// It is in one request with others, which leaves in between.
     pub(crate) beats: u8,
+    /// The decision goes to the target by one step a second, as the guard of an axis does. Without it the decision is the target.
+    pub(crate) has_guard: bool,
 }
 
 impl Budget {
@@ -58,6 +60,7 @@ impl Budget {
         offs: 0,
         targets: 0,
         beats: 0,
+        has_guard: false,
     };
 
     /// Everything.
@@ -75,7 +78,13 @@ impl Budget {
         offs: 1,
         targets: 1,
         beats: 0,
+        has_guard: true,
     };
+
+    /// Everything that may happen has happened.
+    pub(crate) fn is_spent(self) -> bool {
+        self == Budget { has_guard: self.has_guard, ..Budget::NONE }
+    }
 }
 
 /// What was broken.
@@ -94,6 +103,8 @@ pub(crate) struct World {
     pub(crate) lost: Option<Counts>,
     pub(crate) held: [Option<Held>; 2],
     pub(crate) wanted: Counts,
+    /// What the guard of the axis decided last, if there is one.
+    pub(crate) guard: Option<Counts>,
     /// Seconds for which the newest decision may still be carried out; `None` where there is none.
     pub(crate) order: Option<u64>,
     /// The register has changed without the gateway's doing since its last read.
@@ -124,6 +135,7 @@ impl World {
             lost: None,
             held: [None; 2],
             wanted: settings.limit + Counts(1),
+            guard: left.has_guard.then_some(Counts::ZERO),
             order: None,
             is_moved: false,
             has_arrived: false,
@@ -192,13 +204,14 @@ impl World {
         let is_known = shown.verified.is_some_and(|seen| inside(seen.value));
         let is_idle = matches!(self.action, Action::Nothing { .. });
         if shown.standing == Standing::Off && is_known && is_idle {
+            self.takes_over(settings);
             return self.give(settings, Fact::Armed { by: Who::Policy });
         }
         Ok(())
     }
 
     /// The write that the gateway asks for; a change must rest on a decision that still holds.
-    pub(crate) fn write(&self) -> Result<Option<Counts>, String> {
+    pub(crate) fn write(&self, settings: &Settings) -> Result<Option<Counts>, String> {
         let Action::Write { value, not_after, is_repeat } = self.action else { return Ok(None) };
         if !is_repeat && self.order.is_none() {
             return Err(format!("{value} is sent on readings that are too old"));
@@ -206,7 +219,48 @@ impl World {
         if not_after < NOW {
             return Err(format!("{value} is sent after its last moment"));
         }
+        if !is_repeat {
+            self.leads_to_target(settings, value)?;
+        }
         Ok(Some(value))
+    }
+
+    /// R11: from what the gateway has seen in the register towards the target, and not beyond it.
+    fn leads_to_target(&self, settings: &Settings, value: Counts) -> Broken {
+        let Some(shown) = self.gateway.map(|gateway| gateway.shown(settings)) else { return Ok(()) };
+        let Some(seen) = shown.verified else { return Ok(()) };
+        let centre = shown.account.map_or(settings.bias, |account| account.base);
+        let (lowest, highest) = settings.range;
+        let target = (centre + self.wanted.clamp(-settings.limit, settings.limit)).clamp(lowest, highest);
+        let is_avoided = settings.is_shared && settings.is_zero(target) && target != centre;
+        let beyond = Counts(i64::from(is_avoided));
+        let (low, high) = (seen.value.min(target - beyond), seen.value.max(target + beyond));
+        if (low..=high).contains(&value) {
+            return Ok(());
+        }
+        Err(format!("{value} leads away from the target {target}: the register holds {}", seen.value))
+    }
+
+    /// What is decided now: the target, or one step nearer to it. While the register waits, the guard stays within one step of it.
+    fn decides(&mut self, settings: &Settings) -> Counts {
+        let Some(guard) = self.guard else { return self.wanted };
+        let shown = self.gateway.map(|gateway| gateway.shown(settings));
+        let centre = shown.and_then(|shown| shown.account).map_or(settings.bias, |account| account.base);
+        let stands = shown.and_then(|shown| shown.verified).map(|seen| seen.value - centre);
+        let change = self.wanted.clamp(-settings.limit, settings.limit) - guard;
+        let decided = guard + change.clamp(-settings.step, settings.step);
+        let near = |stands: Counts| decided.clamp(stands - settings.step, stands + settings.step);
+        let decided = stands.filter(|_| settings.rules.no_windup).map_or(decided, near);
+        self.guard = Some(decided);
+        decided
+    }
+
+    /// An axis that is armed begins where its register is.
+    fn takes_over(&mut self, settings: &Settings) {
+        let Some(shown) = self.gateway.map(|gateway| gateway.shown(settings)) else { return };
+        let centre = shown.account.map_or(settings.bias, |account| account.base);
+        let stands = shown.verified.map_or(Counts::ZERO, |seen| seen.value - centre);
+        self.guard = self.guard.map(|_| stands.clamp(-settings.limit, settings.limit));
     }
 
     /// A write of ours takes effect.
@@ -351,7 +405,7 @@ impl World {
                 self.give(settings, Fact::Kept)?;
             }
             Action::Write { .. } => {
-                let value = self.write()?.unwrap_or_default();
+                let value = self.write(settings)?.unwrap_or_default();
                 self.deliver(settings, value, (self.is_moved, self.is_moved))?;
                 self.give(settings, Fact::Done { left: NOW })?;
             }
@@ -407,6 +461,7 @@ impl World {
         }
         let is_due = stands == Some(right) || at_once;
         if is_due {
+            self.takes_over(settings);
             self.give(settings, Fact::Armed { by: Who::Person })?;
         }
         Ok(is_due)
@@ -420,7 +475,8 @@ impl World {
         }
         if is_fresh {
             self.order = Some(1);
-            return self.give(settings, Fact::Decided { offset: self.wanted, not_after: NOW.after(SECOND) });
+            let (offset, target) = (self.decides(settings), Some(self.wanted));
+            return self.give(settings, Fact::Decided { offset, target, not_after: NOW.after(SECOND) });
         }
         match self.action {
             Action::Nothing { until } if until <= NOW => self.give(settings, Fact::Look),

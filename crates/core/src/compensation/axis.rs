@@ -42,6 +42,16 @@ pub(super) struct Axis {
     pub(super) decision: Decision,
 }
 
+/// What the guards make of what is requested.
+struct Guarded {
+    cz: Micron,
+    slope: Micron,
+    /// What is requested, within the limit.
+    target: Micron,
+    slope_target: Micron,
+    acted: Stages,
+}
+
 impl Axis {
     pub(super) fn new(settings: AxisSettings) -> Axis {
         let decision = Decision {
@@ -52,6 +62,8 @@ impl Axis {
             model: None,
             cz: Micron::ZERO,
             slope: Micron::ZERO,
+            target: Micron::ZERO,
+            slope_target: Micron::ZERO,
             state: AxisState::Off,
             acted: Stages::default(),
             lacks: None,
@@ -171,7 +183,7 @@ impl Axis {
             control.permit == Permit::Armed && followed.is_some_and(|chosen| self.keeps_outside(&chosen));
         self.state = self.next_state(now, followed, control.permit, keeps);
         self.kept_outside = keeps;
-        let (cz, slope, acted) = self.guarded(followed, control.sign, dt);
+        let Guarded { cz, slope, target, slope_target, acted } = self.guarded(followed, &control, dt);
         if self.state == AxisState::Ramping && cz == Micron::ZERO && slope == Micron::ZERO {
             self.state = AxisState::Zeroed;
         }
@@ -183,6 +195,8 @@ impl Axis {
             model: chosen.map(|chosen| chosen.model),
             cz,
             slope,
+            target,
+            slope_target,
             state: self.state,
             acted,
             lacks,
@@ -207,30 +221,38 @@ impl Axis {
         error.is_some_and(|error| chosen.raw.abs() > error || chosen.slope.abs() > error)
     }
 
-    /// Cz and the slope's effect after the guard, and the stages that acted on either.
-    fn guarded(
-        &mut self,
-        followed: Option<Chosen>,
-        sign: Option<Micron>,
-        dt: Duration,
-    ) -> (Micron, Micron, Stages) {
-        let (target, pace) = match (self.state, followed, self.settings.on_fault) {
+    /// Cz and the slope's effect after the guard, what they are on their way to, and the stages that acted on either.
+    fn guarded(&mut self, followed: Option<Chosen>, control: &Control, dt: Duration) -> Guarded {
+        let (wanted, pace) = match (self.state, followed, self.settings.on_fault) {
             (AxisState::Active | AxisState::Degraded, Some(chosen), _) => {
-                (Some((sign.unwrap_or(chosen.raw), chosen.slope)), Pace::Follow)
+                (Some((control.sign.unwrap_or(chosen.raw), chosen.slope)), Pace::Follow)
             }
             (AxisState::Ramping, _, OnFault::Zero) => (Some((Micron::ZERO, Micron::ZERO)), Pace::Steps),
             (AxisState::Ramping, _, _) => (Some((Micron::ZERO, Micron::ZERO)), Pace::Ramp),
             _ => (None, Pace::Follow),
         };
-        let Some((cz, slope)) = target else {
-            return (self.guard.value(), self.slope_guard.value(), Stages::default());
+        let guard = &self.settings.guard;
+        let Some((target, slope_target)) = wanted else {
+            let (cz, slope) = (self.guard.value(), self.slope_guard.value());
+            return Guarded { cz, slope, target: cz, slope_target: slope, acted: Stages::default() };
         };
-        let (cz, acted) = self.guard.advance(cz, dt, pace, &self.settings.guard);
-        if self.settings.intercept_slope.is_none() {
-            return (cz, Micron::ZERO, acted);
+        let (mut cz, acted) = self.guard.advance(target, dt, pace, guard);
+        if let Some(behind) = control.behind {
+            cz = self.guard.stay_near(behind, guard);
         }
-        let (slope, also) = self.slope_guard.advance(slope, dt, pace, &self.slope_settings());
-        (cz, slope, acted.and(also))
+        let target = target.clamp_to(guard.limit);
+        if self.settings.intercept_slope.is_none() {
+            return Guarded { cz, slope: Micron::ZERO, target, slope_target: Micron::ZERO, acted };
+        }
+        let settings = self.slope_settings();
+        let (slope, also) = self.slope_guard.advance(slope_target, dt, pace, &settings);
+        Guarded {
+            cz,
+            slope,
+            target,
+            slope_target: slope_target.clamp_to(settings.limit),
+            acted: acted.and(also),
+        }
     }
 
     /// The slope's effect at the reach has the same bounds as Cz, in counts of its own register.

@@ -92,6 +92,15 @@ impl Guard {
         self.counted = self.place;
     }
 
+    /// An output waits at this value: what is decided stays within one step of it.
+    pub(super) fn stay_near(&mut self, behind: Micron, settings: &GuardSettings) -> Micron {
+        let near = behind + (self.counted - behind).clamp_to(settings.step);
+        if near != self.counted {
+            self.take_over(near, settings);
+        }
+        self.counted
+    }
+
     /// The value decided last: whole counts.
     pub(super) fn value(&self) -> Micron {
         self.counted

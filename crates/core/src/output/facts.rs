@@ -22,10 +22,11 @@ pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Mome
             // Where there is no room, as many are under way already, and this one is what was just read.
             let _ = state.copies.add(sent);
         }
-        Fact::Decided { offset, not_after } => {
-            let offset =
-                if settings.rules.limit { offset.clamp(-settings.limit, settings.limit) } else { offset };
-            state.order = Some(Order { offset, not_after });
+        Fact::Decided { offset, target, not_after } => {
+            let within = |offset: Counts| {
+                if settings.rules.limit { offset.clamp(-settings.limit, settings.limit) } else { offset }
+            };
+            state.order = Some(Order { offset: within(offset), target: target.map(within), not_after });
         }
         Fact::Read { found, asked } if ends(state, Doing::Reading) || state.doing == Doing::Nothing => {
             return read(state, settings, found, asked, now);

@@ -6,7 +6,7 @@ use super::Action;
 use super::copies::{Copies, Room};
 use super::event::Event;
 use super::settings::{Settings, Verify};
-use super::standing::{Doing, Seen, Standing, Untaken};
+use super::standing::{Doing, Order, Seen, Standing, Untaken};
 use super::state::{RETRY, State};
 use crate::quantity::{Counts, Moment};
 
@@ -104,7 +104,7 @@ fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
     if state.settles_at.is_some() && settings.rules.near_what_may_arrive {
         return Some(Aim::Blocked);
     }
-    Some(aim(state, settings, stands, order.offset, now))
+    Some(aim(state, settings, stands, order, now))
 }
 
 /// Zero is what a restarted CNC shows: an operator's part is never hidden by it. The count beside it is near enough.
@@ -119,19 +119,36 @@ pub(super) fn is_there(state: &State, settings: &Settings, stands: Counts, offse
     stands == target || (avoids(settings, centre, target) && stands.abs_diff(target) == 1)
 }
 
-fn aim(state: &State, settings: &Settings, stands: Counts, offset: Counts, now: Moment) -> Aim {
-    if is_there(state, settings, stands, offset) {
+/// The values that a write may have: from the value of the register to the target, and one count more where the target itself is a zero
+/// that is avoided. Everything if no target is known.
+fn way(state: &State, settings: &Settings, stands: Counts, order: Order) -> (Counts, Counts) {
+    let Some(target) = order.target.filter(|_| settings.rules.no_windup) else { return settings.range };
+    let centre = state.centre(settings);
+    let target = settings.target(centre, target);
+    let beyond = Counts(i64::from(avoids(settings, centre, target)));
+    (stands.min(target - beyond), stands.max(target + beyond))
+}
+
+fn aim(state: &State, settings: &Settings, stands: Counts, order: Order, now: Moment) -> Aim {
+    if is_there(state, settings, stands, order.offset) {
         return Aim::There;
     }
     if !state.copies.has_room() {
         return Aim::Blocked;
     }
     let centre = state.centre(settings);
-    let target = settings.target(centre, offset);
+    let (low, high) = way(state, settings, stands, order);
+    let wanted = settings.target(centre, order.offset);
+    // The guard may still be on the other side of the register, which waits until the guard has passed it.
+    let target = wanted.clamp(low, high);
+    if target == stands {
+        return Aim::There;
+    }
     let (lowest, highest) = settings.range;
     let may_be_sent = |value: &Counts| {
         room(state, settings, stands).contains(*value)
             && (lowest..=highest).contains(value)
+            && (low..=high).contains(value)
             && is_inside(settings, stands, *value, centre)
             && target.abs_diff(*value) < target.abs_diff(stands)
             && !avoids(settings, centre, *value)

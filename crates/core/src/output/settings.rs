@@ -82,10 +82,19 @@ pub struct Rules {
     pub limit: bool,
     /// Where the operator's part cannot be known, a person decides.
     pub doubt: bool,
+    /// No write moves the register away from the target.
+    pub no_windup: bool,
 }
 
 impl Default for Rules {
     fn default() -> Rules {
-        Rules { near_what_may_arrive: true, knows_its_own: true, last_moment: true, limit: true, doubt: true }
+        Rules {
+            near_what_may_arrive: true,
+            knows_its_own: true,
+            last_moment: true,
+            limit: true,
+            doubt: true,
+            no_windup: true,
+        }
     }
 }

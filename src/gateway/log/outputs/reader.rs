@@ -5,7 +5,7 @@ use std::io::Read;
 
 use csv::StringRecord;
 
-use super::{BEGIN, Beginning, CLOCK, CZ, FAILURES, FAULT, HEADER, SEALED, WRITES, action, fact};
+use super::{BEGIN, Beginning, CLOCK, CZ, FAILURES, FAULT, HEADER, SEALED, Towards, WRITES, action, fact};
 use crate::gateway::log::LogError;
 use crate::gateway::log::reader::unreadable;
 use isotherm_core::output::{Action, Fact};
@@ -129,7 +129,7 @@ impl<R: Read> OutputLogReader<R> {
             }
             CZ | FAULT | WRITES | FAILURES | CLOCK | SEALED => Entry::Noted,
             _ => Entry::Step {
-                fact: self.named(line, (FACT, VALUE, MOMENT), fact)?,
+                fact: self.with_target(line, self.named(line, (FACT, VALUE, MOMENT), fact)?)?,
                 action: self.named(line, (ACTION, ACTION_VALUE, ACTION_UNTIL), action)?,
             },
         };
@@ -162,6 +162,18 @@ impl<R: Read> OutputLogReader<R> {
             None => self.error(line, what, format!("`{}` is nothing that is known here", self.cell(what))),
         };
         of(self.cell(what), count, at).ok_or_else(wrong)
+    }
+
+    /// A decision with its target. Logs of versions before it have none.
+    fn with_target(&self, line: u64, fact: Fact) -> Result<Fact, LogError> {
+        Ok(match (fact, self.cell(DETAIL)) {
+            (Fact::Decided { offset, not_after, .. }, text) if !text.is_empty() => {
+                let Towards { target } =
+                    serde_json::from_str(text).map_err(|why| self.error(line, DETAIL, why))?;
+                Fact::Decided { offset, target: Some(target), not_after }
+            }
+            (fact, _) => fact,
+        })
     }
 
     fn cell(&self, place: usize) -> &str {

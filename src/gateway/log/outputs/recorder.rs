@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::io::Write;
 
-use super::{BEGIN, Beginning, CLOCK, CZ, FAILURES, FAULT, WRITES, cells_of_action, cells_of_fact};
+use super::{BEGIN, Beginning, CLOCK, CZ, FAILURES, FAULT, Towards, WRITES, cells_of_action, cells_of_fact};
 use crate::clock::Correction;
 use crate::gateway::log::recorder::{cell, has_to_be_quoted, number};
 use isotherm_core::output::{Action, Fact};
@@ -29,13 +29,15 @@ impl OutputRecorder {
 
     /// An output took a fact, and asked for something.
     pub fn step(&mut self, now: Moment, output: &str, fact: Fact, action: Action) -> &[u8] {
+        // A number always has a JSON form.
+        let target = Towards::of(fact).map(|towards| serde_json::to_string(&towards).unwrap_or_default());
         let (fact, action) = (cells_of_fact(fact), cells_of_action(action));
         self.begins(now, output, fact.0);
         self.value_and_moment(fact.1, fact.2);
         // Writing to a vector never fails.
         let _ = write!(self.line, ",{}", action.0);
         self.value_and_moment(action.1, action.2);
-        self.ends(",", "")
+        self.ends(",", &target.map_or(String::new(), |target| cell(&target)))
     }
 
     /// The Cz that went into a position is another one.

@@ -47,7 +47,12 @@ fn facts() -> Vec<Fact> {
     let reported = MOMENTS.into_iter().flat_map(|at| {
         let valued = VALUES.into_iter().flat_map(move |value| {
             [
-                Fact::Decided { offset: Counts(value), not_after: at },
+                Fact::Decided { offset: Counts(value), target: None, not_after: at },
+                Fact::Decided {
+                    offset: Counts(value),
+                    target: Some(Counts(value.wrapping_neg())),
+                    not_after: at,
+                },
                 Fact::Read { found: Counts(value), asked: at },
                 Fact::WentAlong { value: Counts(value), left: at, is_done: true },
                 Fact::WentAlong { value: Counts(value), left: at, is_done: false },
@@ -105,6 +110,7 @@ fn log_of(chances: &[u8]) -> (String, [State; 2]) {
             (Action::Nothing { .. }, 1) => Fact::Armed { by: Who::Person },
             (Action::Nothing { .. }, 2) => Fact::Decided {
                 offset: Counts(i64::from(*chance) / 8),
+                target: chance.is_multiple_of(3).then_some(Counts(i64::from(*chance) / 4)),
                 not_after: now.after(Duration::from_secs(1)),
             },
             (Action::Nothing { .. }, _) => Fact::Look,
