@@ -3,7 +3,11 @@
 //!
 //! A [`Fault`] shows what is wrong; [`remedy`] is the table of what to do, [`explain`] both in one sentence.
 
+use std::fmt;
 use std::io::{Error, ErrorKind};
+
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
 
 use isotherm_core::reading::Status;
 use isotherm_profile::Transport;
@@ -138,28 +142,59 @@ const fn remedy_at_a_server(fault: Fault) -> Option<&'static str> {
 const AT_THIS_COMPUTER: &str = "their driver does not come back: is an adapter or a cable unplugged, does a 1-Wire sensor answer with a wrong \
                                 checksum, which the kernel repeats for seconds? `dmesg` says more; each is asked again once it is back";
 
-/// What is wrong, and what to do.
+/// What is wrong, and what to do where the cause itself does not say it. In text both in one sentence; for programs `fault`, which
+/// is that sentence, `cause` and `hint`.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Explained {
+    /// What is wrong.
+    pub cause: String,
+    /// What to do.
+    pub hint: Option<&'static str>,
+}
+
+impl fmt::Display for Explained {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.cause)?;
+        self.hint.map_or(Ok(()), |hint| write!(f, ": {hint}"))
+    }
+}
+
+impl Serialize for Explained {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut fields = serializer.serialize_map(None)?;
+        fields.serialize_entry("fault", &self.to_string())?;
+        fields.serialize_entry("cause", &self.cause)?;
+        if let Some(hint) = self.hint {
+            fields.serialize_entry("hint", hint)?;
+        }
+        fields.end()
+    }
+}
+
+impl<T: Into<String>> From<T> for Explained {
+    fn from(cause: T) -> Explained {
+        Explained { cause: cause.into(), hint: None }
+    }
+}
+
+/// What is wrong, and what to do, in one sentence.
 pub fn explain(fault: Fault) -> String {
-    advised(fault.to_string(), remedy(fault))
+    Explained { cause: fault.to_string(), hint: remedy(fault) }.to_string()
 }
 
 /// The same in the words of the line that it happened on.
-pub fn explain_on(line: Transport, fault: Fault) -> String {
+pub fn explain_on(line: Transport, fault: Fault) -> Explained {
     advised_on(line, fault, fault.to_string())
 }
 
 /// The same of a fault that has been put into words already.
-pub fn advised_on(line: Transport, fault: Fault, words: String) -> String {
-    let remedy = match line {
+pub fn advised_on(line: Transport, fault: Fault, cause: String) -> Explained {
+    let hint = match line {
         Transport::OpcUa => remedy_at_a_server(fault),
         Transport::Sysfs => Some(AT_THIS_COMPUTER),
         _ => remedy(fault),
     };
-    advised(words, remedy)
-}
-
-fn advised(words: String, remedy: Option<&str>) -> String {
-    remedy.map_or(words.clone(), |remedy| format!("{words}: {remedy}"))
+    Explained { cause, hint }
 }
 
 /// What the system says of a file, a socket or a port, without its numbers, and what to do. What is said in words of ours stays.
@@ -220,13 +255,13 @@ mod tests {
 
     #[test]
     fn what_a_server_says_of_a_write_has_a_remedy_of_its_own() {
-        let said = explain_on(Transport::OpcUa, Fault::Status(Status::WRITE_NOT_SUPPORTED));
+        let said = explain_on(Transport::OpcUa, Fault::Status(Status::WRITE_NOT_SUPPORTED)).to_string();
         assert!(
             said.contains("BadWriteNotSupported: the server does not let this node be written"),
             "{said}"
         );
         let unreadable = Fault::Unreadable { reason: Reason::Status(Status::NO_SUCH_NODE.0), place: 2 };
-        assert!(explain_on(Transport::OpcUa, unreadable).contains("there is no such node"));
+        assert!(explain_on(Transport::OpcUa, unreadable).to_string().contains("there is no such node"));
         assert_eq!((unreadable.blame(), unreadable.is_refusal()), ("exception", true));
     }
 
@@ -237,13 +272,13 @@ mod tests {
         let part = Fault::Part { status: Status::NOT_WRITABLE, place: 2 };
         let others = [Fault::Timeout, Fault::Peer(PeerFault::Malformed), part];
         for fault in link.into_iter().chain(status).chain(others) {
-            let said = explain_on(Transport::OpcUa, fault);
+            let said = explain_on(Transport::OpcUa, fault).to_string();
             assert!(said.starts_with(&format!("{fault}: ")), "{said}");
             for word in ["Modbus", "unit", "scan", "baud", "serial", "register"] {
                 assert!(!said.contains(word), "{said}");
             }
-            assert_eq!(explain_on(Transport::Tcp, fault), explain(fault));
-            let said = explain_on(Transport::Sysfs, fault);
+            assert_eq!(explain_on(Transport::Tcp, fault).to_string(), explain(fault));
+            let said = explain_on(Transport::Sysfs, fault).to_string();
             assert!(said.contains("dmesg") && !said.contains("register"), "{said}");
         }
     }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::explain::{advised_on, explain_on};
+use crate::fieldbus::explain::{Explained, advised_on, explain_on};
 use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::{Reason, SignalId};
@@ -50,22 +50,58 @@ pub(super) struct DeviceCount {
 /// A device that does not answer.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Lost {
-    pub(super) fault: String,
+    pub(super) fault: Explained,
     /// Requests that failed since.
     pub(super) missed: u64,
     /// Those in a row.
     in_a_row: u64,
-    pub(super) reported: bool,
+    /// Why, as it was reported.
+    reported: Option<Cause>,
     /// It answers again, since then.
     pub(super) answers_since: Option<Moment>,
+}
+
+/// A line without a connection.
+#[derive(Clone, Debug)]
+pub(super) struct Down {
+    /// Attempts to connect since.
+    pub(super) attempts: u64,
+    cause: Cause,
+}
+
+/// Why something fails, as it was reported last.
+#[derive(Clone, Debug)]
+struct Cause {
+    reported: String,
+    /// Another one, found once since.
+    other: Option<String>,
+}
+
+impl Cause {
+    fn new(reported: String) -> Cause {
+        Cause { reported, other: None }
+    }
+
+    /// This is the cause now. Whether that is to be reported: another one that was found twice in a row.
+    fn is_now(&mut self, cause: &str) -> bool {
+        if self.reported == cause {
+            self.other = None;
+            return false;
+        }
+        if self.other.as_deref() != Some(cause) {
+            self.other = Some(cause.to_owned());
+            return false;
+        }
+        *self = Cause::new(cause.to_owned());
+        true
+    }
 }
 
 /// Cycles of one line.
 #[derive(Clone, Debug, Default)]
 pub(super) struct BusCount {
     pub(super) connected: bool,
-    /// Attempts to connect since it went down.
-    pub(super) down: Option<u64>,
+    pub(super) down: Option<Down>,
     pub(super) cycles: u64,
     pub(super) overruns: u64,
     pub(super) overrun_at: Option<Moment>,
@@ -106,13 +142,13 @@ impl Contact {
         if !raw.is_empty() {
             return format!("{reason} (raw {})", raw.join(" or "));
         }
-        let lost = self.devices[signal.device.0].lost.as_ref().filter(|lost| !lost.fault.is_empty());
+        let lost = self.devices[signal.device.0].lost.as_ref().filter(|lost| !lost.fault.cause.is_empty());
         match (reason, lost) {
             (Reason::LinkDown | Reason::Timeout | Reason::BadReply | Reason::NeverRead, Some(lost)) => {
-                lost.fault.clone()
+                lost.fault.to_string()
             }
             (Reason::Stale, _) => self.why_stale(id).unwrap_or(reason.to_string()),
-            (Reason::Exception(code), _) => self.explained(signal.device, Fault::Exception(code)),
+            (Reason::Exception(code), _) => self.explained(signal.device, Fault::Exception(code)).to_string(),
             _ => reason.to_string(),
         }
     }
@@ -133,15 +169,15 @@ impl Contact {
     pub(super) fn why_of_output(&self, output: OutputId, fault: Fault) -> String {
         let id = self.profile.output(output).device;
         match &self.devices[id.0].lost {
-            Some(lost) if fault.is_of_the_line() && !lost.fault.is_empty() => lost.fault.clone(),
+            Some(lost) if fault.is_of_the_line() && !lost.fault.cause.is_empty() => lost.fault.to_string(),
             _ => {
                 let words = blamed::of_an_output(&self.profile, output, fault);
-                advised_on(self.profile.bus(self.profile.device(id).bus).transport, fault, words)
+                advised_on(self.profile.bus(self.profile.device(id).bus).transport, fault, words).to_string()
             }
         }
     }
 
-    fn explained(&self, id: DeviceId, fault: Fault) -> String {
+    fn explained(&self, id: DeviceId, fault: Fault) -> Explained {
         explain_on(self.profile.bus(self.profile.device(id).bus).transport, fault)
     }
 
@@ -153,13 +189,13 @@ impl Contact {
         }
         count.answered = true;
         let has_returned = match &mut count.lost {
-            Some(lost) if lost.reported => {
+            Some(lost) if lost.reported.is_some() => {
                 lost.in_a_row = 0;
                 now.since(*lost.answers_since.get_or_insert(now)) >= BELIEVED_AFTER
             }
             _ => true,
         };
-        let lost = count.lost.take_if(|_| has_returned).filter(|lost| lost.reported);
+        let lost = count.lost.take_if(|_| has_returned).filter(|lost| lost.reported.is_some());
         self.link_is_up(self.profile.device(id).bus, events);
         let device = self.profile.device(id);
         events.extend(lost.map(|lost| Event::DeviceBack {
@@ -196,7 +232,7 @@ impl Contact {
             _ => REPORTED_AFTER,
         };
         let lost = count.misses(explained);
-        if lost.missed >= reported_after && !lost.reported {
+        if lost.missed >= reported_after && lost.has_news() {
             events.push(lost.report(self.profile.device(id)));
         }
         lost.in_a_row == reported_after
@@ -205,8 +241,8 @@ impl Contact {
     /// Nothing comes of a device any more; reported once, but for a bus that is down, which has been.
     pub(super) fn is_silent(&mut self, id: DeviceId, fault: String, events: &mut Vec<Event>) {
         let is_down = self.buses[self.profile.device(id).bus.0].down.is_some();
-        let lost = self.devices[id.0].misses(fault);
-        if !is_down && !lost.reported {
+        let lost = self.devices[id.0].misses(fault.into());
+        if !is_down && lost.has_news() {
             events.push(lost.report(self.profile.device(id)));
         }
     }
@@ -214,19 +250,30 @@ impl Contact {
     /// There is a connection, or an interface, again.
     pub(super) fn link_is_up(&mut self, id: BusId, events: &mut Vec<Event>) {
         let bus = self.profile.bus(id);
-        events.extend(self.buses[id.0].down.take().map(|attempts| Event::LinkUp {
+        events.extend(self.buses[id.0].down.take().map(|down| Event::LinkUp {
             bus: bus.name.clone(),
             address: bus.address.clone(),
-            attempts,
+            attempts: down.attempts,
         }));
     }
 
-    /// There is none, after so many attempts.
+    /// There is none, after so many attempts. Reported when that begins, and when the cause has become another one.
     pub(super) fn link_is_down(&mut self, id: BusId, attempts: u64, fault: Fault, events: &mut Vec<Event>) {
-        if self.buses[id.0].down.replace(attempts).is_none() {
-            let bus = self.profile.bus(id);
-            let (name, address) = (bus.name.clone(), bus.address.clone());
-            events.push(Event::LinkDown { bus: name, address, fault: explain_on(bus.transport, fault) });
+        let bus = self.profile.bus(id);
+        let cause = explain_on(bus.transport, fault);
+        let is_news = match &mut self.buses[id.0].down {
+            Some(down) => {
+                down.attempts = attempts;
+                down.cause.is_now(&cause.cause)
+            }
+            down => {
+                *down = Some(Down { attempts, cause: Cause::new(cause.cause.clone()) });
+                true
+            }
+        };
+        if is_news {
+            let (bus, address) = (bus.name.clone(), bus.address.clone());
+            events.push(Event::LinkDown { bus, address, fault: cause });
         }
     }
 }
@@ -237,8 +284,13 @@ impl DeviceCount {
         self.answered && self.lost.is_none()
     }
 
+    /// Its last request was not answered.
+    pub(super) fn does_not_answer(&self) -> bool {
+        self.lost.as_ref().is_some_and(|lost| lost.answers_since.is_none())
+    }
+
     /// One more request was not answered, or would not be.
-    fn misses(&mut self, fault: String) -> &mut Lost {
+    fn misses(&mut self, fault: Explained) -> &mut Lost {
         let lost = self.lost.get_or_insert_default();
         (lost.missed, lost.answers_since, lost.fault) = (lost.missed + 1, None, fault);
         lost.in_a_row += 1;
@@ -247,8 +299,14 @@ impl DeviceCount {
 }
 
 impl Lost {
+    /// It was not reported, or the cause is another one now.
+    fn has_news(&mut self) -> bool {
+        let fault = &self.fault;
+        self.reported.as_mut().is_none_or(|cause| cause.is_now(&fault.cause))
+    }
+
     fn report(&mut self, device: &Device) -> Event {
-        self.reported = true;
+        self.reported = Some(Cause::new(self.fault.cause.clone()));
         Event::DeviceLost { device: device.name.clone(), at: device.at(), fault: self.fault.clone() }
     }
 }
@@ -285,6 +343,26 @@ mod tests {
         contact.buses[0].connected = false;
         contact.fails(cnc, down, (4, down), &mut events);
         assert!(matches!(events[2..], [Event::LinkDown { .. }]), "{events:?}");
+    }
+
+    #[test]
+    fn another_cause_is_reported_once_it_was_found_twice() {
+        let mut cause = Cause::new("refused".to_owned());
+        let found = ["refused", "timeout", "refused", "timeout", "certificate", "certificate", "certificate"];
+        assert_eq!(found.map(|found| cause.is_now(found)), [false, false, false, false, false, true, false]);
+        let profile = include_str!("../../profiles/surface-grinder.toml");
+        let profile = isotherm_profile::parse(Path::new("grinder.toml"), profile, &[], &[]).unwrap().profile;
+        let (mut contact, mut events) = (Contact::new(&Arc::new(profile)), Vec::new());
+        for (attempt, fault) in
+            [LinkFault::Refused, LinkFault::Refused, LinkFault::Unreachable, LinkFault::Unreachable]
+                .into_iter()
+                .enumerate()
+        {
+            contact.link_is_down(BusId(0), attempt as u64, Fault::Link(fault), &mut events);
+        }
+        assert_eq!(events.len(), 2, "{events:?}");
+        contact.link_is_up(BusId(0), &mut events);
+        assert!(matches!(events[..], [_, _, Event::LinkUp { attempts: 3, .. }]), "{events:?}");
     }
 
     #[test]

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::asker::Way;
 use super::status::Moved;
 use crate::clock::Correction;
+use crate::fieldbus::explain::Explained;
 use data::{both_in_text, in_seconds, in_text};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::one_line;
@@ -58,11 +59,21 @@ pub enum Event {
     /// It has stopped; `left` says what stays in the registers.
     Stopped { left: String },
     /// A connection could not be made, or broke.
-    LinkDown { bus: String, address: String, fault: String },
+    LinkDown {
+        bus: String,
+        address: String,
+        #[serde(flatten)]
+        fault: Explained,
+    },
     /// A connection is back.
     LinkUp { bus: String, address: String, attempts: u64 },
     /// A device stopped answering properly.
-    DeviceLost { device: String, at: String, fault: String },
+    DeviceLost {
+        device: String,
+        at: String,
+        #[serde(flatten)]
+        fault: Explained,
+    },
     /// It answers again.
     DeviceBack { device: String, at: String, missed: u64 },
     /// A device is not set as the profile expects it; nothing that depends on it is armed.
@@ -191,11 +202,24 @@ pub enum Event {
     /// The control applies something else than what stands in its register.
     NotApplied { output: String, stands: String, applies: String, register: String },
     /// A write failed on its way.
-    WriteFailed { output: String, fault: String },
+    WriteFailed {
+        output: String,
+        #[serde(flatten)]
+        fault: Explained,
+    },
     /// The register of an output cannot be read.
-    ReadFailed { output: String, fault: String },
+    ReadFailed {
+        output: String,
+        #[serde(flatten)]
+        fault: Explained,
+    },
     /// The heartbeat of the gateway is not written; `place` is its register or node.
-    HeartbeatFailed { device: String, place: String, fault: String },
+    HeartbeatFailed {
+        device: String,
+        place: String,
+        #[serde(flatten)]
+        fault: Explained,
+    },
     /// It is again.
     HeartbeatWritten { device: String, place: String },
     /// A write was verified again.

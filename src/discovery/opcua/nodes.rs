@@ -47,7 +47,7 @@ pub async fn inspect(profile: &Profile) -> Vec<Inspected> {
                     bus,
                     of,
                     found: None,
-                    advice: vec![explain_on(Transport::OpcUa, fault)],
+                    advice: vec![explain_on(Transport::OpcUa, fault).to_string()],
                 });
             }
         }
@@ -116,7 +116,7 @@ fn of_devices<'p>(profile: &'p Profile, bus: BusId) -> Vec<Wanted<'p>> {
 }
 
 fn advice(wanted: &Wanted<'_>, found: &Described) -> Vec<String> {
-    let explained = |status| explain_on(Transport::OpcUa, Fault::Status(status));
+    let explained = |status| explain_on(Transport::OpcUa, Fault::Status(status)).to_string();
     let Some(variable) = &found.variable else {
         return vec![match found.status.is_good() {
             true => "it is no variable: what holds the value hangs below it (`isotherm read PROFILE --browse NODE`)".to_owned(),

@@ -257,11 +257,11 @@ impl CanListener {
         let Core { contact, board, events, .. } = &mut *core;
         let count = &mut contact.buses[self.bus.0];
         count.connected = false;
-        let attempts = count.down.unwrap_or_default() + 1;
+        let attempts = count.down.as_ref().map_or(0, |down| down.attempts) + 1;
         contact.link_is_down(self.bus, attempts, fault, events);
         for device in self.nodes.devices() {
             let lost = contact.devices[device.0].lost.get_or_insert_default();
-            lost.fault = fault.to_string();
+            lost.fault = fault.to_string().into();
             lost.answers_since = None;
         }
         for signal in self.routes.signals() {

@@ -15,6 +15,7 @@ use super::report;
 use super::trouble::Trouble;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
+use crate::fieldbus::explain::explain_on;
 use crate::fieldbus::wire::Request;
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::Standing;
@@ -185,7 +186,9 @@ impl Position {
             return;
         }
         if !fault.spoils_connection() && self.trouble.is_none() {
-            shared.report(&Event::WriteFailed { output: output.name.clone(), fault: fault.to_string() });
+            let transport = shared.profile.bus(shared.profile.device(output.device).bus).transport;
+            let fault = explain_on(transport, fault);
+            shared.report(&Event::WriteFailed { output: output.name.clone(), fault });
         }
         let trouble = if fault.spoils_connection() { Trouble::Link } else { Trouble::Untaken };
         self.trouble = self.trouble.filter(|known| *known == Trouble::Untaken).or(Some(trouble));

@@ -9,6 +9,7 @@ use super::order::Order;
 use super::trouble::{Access, Trouble, Troubles};
 use super::{DISK_PATIENCE, LineTurn, REMEMBERED, report};
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
+use crate::fieldbus::explain::advised_on;
 use crate::gateway::blamed::of_an_output;
 use crate::gateway::ledger::{Keeping, Kept};
 use crate::gateway::line_handle::LineHandle;
@@ -358,10 +359,14 @@ impl Register {
         let state = &mut core.outputs[self.id.0];
         (state.failures, state.cause) = (state.failures + 1, Some(fault));
         let output = || shared.profile.output(self.id).name.clone();
-        core.events.extend(reported.map(|fault| match access {
-            Access::Read => Event::ReadFailed { output: output(), fault },
-            Access::Write => Event::WriteFailed { output: output(), fault },
-        }));
+        let device = shared.profile.device(shared.profile.output(self.id).device);
+        let transport = shared.profile.bus(device.bus).transport;
+        core.events.extend(reported.map(|words| advised_on(transport, fault, words)).map(
+            |fault| match access {
+                Access::Read => Event::ReadFailed { output: output(), fault },
+                Access::Write => Event::WriteFailed { output: output(), fault },
+            },
+        ));
     }
 
     /// What an exchange that has come to its end says of the trouble before it.

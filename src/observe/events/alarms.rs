@@ -21,6 +21,12 @@ pub struct Alarm {
     pub since: String,
     /// The sentence.
     pub text: String,
+    /// What is wrong now, without what to do.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cause: Option<String>,
+    /// What to do.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hint: Option<String>,
     /// Who has seen it, and when.
     pub acknowledged: Option<Seen>,
 }
@@ -52,12 +58,18 @@ impl Alarms {
         let (raised, mut ended) = event.about();
         ended.retain(|id| self.0.remove(id).is_some());
         if let Some(id) = raised.clone() {
+            let field = |name: &str| entry.data.get(name).and_then(|value| value.as_str()).map(str::to_owned);
+            // It shows the present cause, and since when something is wrong. That cause nobody has seen yet.
+            let since = self.0.get(&id).filter(|known| known.kind == entry.kind.to_string());
+            let since = since.map_or_else(|| entry.at.clone(), |known| known.since.clone());
             let alarm = Alarm {
                 id: id.clone(),
                 kind: entry.kind.to_string(),
                 level: entry.level,
-                since: entry.at.clone(),
+                since,
                 text: entry.text.clone(),
+                cause: field("cause"),
+                hint: field("hint"),
                 acknowledged: None,
             };
             self.0.insert(id, alarm);
@@ -155,6 +167,7 @@ impl Event {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fieldbus::explain::Explained;
     use isotherm_core::quantity::Moment;
 
     fn seen(by: &str) -> Seen {
@@ -195,6 +208,32 @@ mod tests {
         assert_eq!(ids(&alarms), Vec::<String>::new());
         note(&mut alarms, &bad());
         assert_eq!(by(&alarms), [None]);
+    }
+
+    #[test]
+    fn an_alarm_shows_the_present_cause_and_since_when_something_is_wrong() {
+        let mut alarms = Alarms::default();
+        let down = |hint, cause: &str| Event::LinkDown {
+            bus: "cell".into(),
+            address: "10.0.0.7:802".into(),
+            fault: Explained { cause: cause.into(), hint },
+        };
+        let (begun, later) = (Moment::default(), Moment::from_nanos(60_000_000_000));
+        let refused = down(Some("is the port right?"), "nothing listens there");
+        alarms.note(&refused, &refused.entry(begun));
+        alarms.acknowledge(None, &seen("a"));
+        let untrusted = down(None, "its certificate is not trusted");
+        alarms.note(&untrusted, &untrusted.entry(later));
+        let [alarm] = &alarms.all()[..] else { panic!("{alarms:?}") };
+        assert_eq!(alarm.cause.as_deref(), Some("its certificate is not trusted"));
+        assert_eq!((alarm.hint.as_deref(), &alarm.acknowledged), (None, &None), "nobody has seen this cause");
+        assert_eq!(alarm.since, refused.entry(begun).at);
+        let data = refused.entry(begun).data;
+        assert_eq!(data["fault"], "nothing listens there: is the port right?");
+        assert_eq!(
+            (&data["cause"], &data["hint"]),
+            (&"nothing listens there".into(), &"is the port right?".into())
+        );
     }
 
     #[test]

@@ -51,7 +51,7 @@ mod tests {
         let names = vec![long.clone(); 300];
         for event in [
             Event::LogsDeleted { names, why: long.clone() },
-            Event::LinkDown { bus: long.clone(), address: long.clone(), fault: long },
+            Event::LinkDown { bus: long.clone(), address: long.clone(), fault: long.into() },
         ] {
             let entry = event.entry(Moment::default());
             assert_eq!(entry.text.chars().count(), 801, "{}", entry.text);

@@ -169,11 +169,12 @@ impl Event {
                 ),
             ),
             Event::WriteFailed { output, fault } => {
-                warning("write-failed", format!("output {output}: not written: {fault}"))
+                warning("write-failed", format!("output {output}: not written: {}", fault.cause))
             }
-            Event::ReadFailed { output, fault } => {
-                warning("read-failed", format!("output {output}: its register cannot be read: {fault}"))
-            }
+            Event::ReadFailed { output, fault } => warning(
+                "read-failed",
+                format!("output {output}: its register cannot be read: {}", fault.cause),
+            ),
             Event::HeartbeatFailed { device, place, fault } => {
                 warning("heartbeat-failed", format!("heartbeat ({place} of {device}): not written: {fault}"))
             }

@@ -137,7 +137,7 @@ async fn where_all_of_a_device_hang_it_does_not_answer_and_the_words_are_those_o
     assert!(std::process::Command::new("mkfifo").arg(input).status().unwrap().success());
     let mut line = Line::to(&tree);
     assert_eq!(line.reads().await, Err(Fault::Timeout));
-    let said = explain_on(Transport::Sysfs, Fault::Timeout);
+    let said = explain_on(Transport::Sysfs, Fault::Timeout).to_string();
     assert!(said.contains("dmesg"), "{said}");
 }
 
