@@ -16,7 +16,7 @@ use super::probing::{Probing, acting, why_refused};
 use super::reported::Reported;
 use super::restart::Restarts;
 use super::storage::Storage;
-use super::units::{cz_factor, is_near, part};
+use super::units::part;
 use super::why::Reasons;
 use crate::observe::asker::Way;
 use crate::observe::events::Event;
@@ -396,20 +396,8 @@ impl Core {
 
     /// This Cz is what was decided, to half a count of its register.
     fn is_there(&self, decision: &Decision, output: &Output, state: &OutputState, cz: Micron) -> bool {
-        let profile = &self.given.profile;
-        let settings = &profile.axis(output.axis).settings;
-        let grain = match (output.writes, settings.intercept_slope) {
-            (Writes::Slope, Some(apart)) => apart.count.unwrap_or(Micron::ZERO),
-            // A floating-point register is written in thousandths of a step.
-            _ => settings
-                .guard
-                .count
-                .or_else(|| Micron::new(settings.guard.step.get() * 1e-3))
-                .unwrap_or_default(),
-        };
-        let base = state.shares.map(|(base, _)| base / cz_factor(profile, output));
-        let wanted = part(decision, output.writes);
-        output.writes == Writes::Reference || is_near(cz, wanted, grain.get(), base.unwrap_or_default())
+        output.writes == Writes::Reference
+            || state.is_near(&self.given.profile, output, cz, part(decision, output.writes))
     }
 
     /// Switches an axis off until a person arms it again.

@@ -4,11 +4,14 @@ use std::ops::{Index, IndexMut};
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::contact::Contact;
 use super::noted::Noted;
+use super::units::{cz_factor, is_near};
 use crate::fieldbus::error::Fault;
 use crate::observe::events::HandshakeFault;
+use isotherm_core::display::Held;
 use isotherm_core::quantity::{Micron, Moment};
-use isotherm_profile::{Handshake, Output, OutputId, Profile};
+use isotherm_profile::{Handshake, Output, OutputId, Profile, Writes};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub(super) enum Standing {
@@ -103,6 +106,23 @@ impl Outputs {
         self.of_axis[axis].iter().map(|id| (self.profile.output(*id), &self.states[id.0]))
     }
 
+    /// What the control holds of the Cz of an axis, as far as that is known.
+    pub(super) fn held(&self, axis: usize, contact: &Contact, dry_run: bool) -> Held {
+        if dry_run {
+            return Held::Unknown;
+        }
+        let mut held = Held::Unknown;
+        for (output, state) in self.of_axis(axis).filter(|(output, _)| output.writes.is_cz()) {
+            let Some(cz) = state.cz else { continue };
+            if contact.devices[output.device.0].does_not_answer() {
+                return Held::Unreachable;
+            }
+            let is_zero = state.is_near(&self.profile, output, cz, Micron::ZERO);
+            held = if is_zero && held != Held::Other { Held::Zero } else { Held::Other };
+        }
+        held
+    }
+
     pub(super) fn states(&self) -> &[OutputState] {
         self.states.as_slice()
     }
@@ -158,6 +178,22 @@ impl OutputState {
             }
             None => String::new(),
         }
+    }
+
+    /// This verified Cz is what is wanted of its register, to half a count.
+    pub(super) fn is_near(&self, profile: &Profile, output: &Output, cz: Micron, wanted: Micron) -> bool {
+        let settings = &profile.axis(output.axis).settings;
+        let grain = match (output.writes, settings.intercept_slope) {
+            (Writes::Slope, Some(apart)) => apart.count.unwrap_or(Micron::ZERO),
+            // A floating-point register is written in thousandths of a step.
+            _ => settings
+                .guard
+                .count
+                .or_else(|| Micron::new(settings.guard.step.get() * 1e-3))
+                .unwrap_or_default(),
+        };
+        let base = self.shares.map(|(base, _)| base / cz_factor(profile, output));
+        is_near(cz, wanted, grain.get(), base.unwrap_or_default())
     }
 
     /// What stands in the register is not certain any more.

@@ -13,6 +13,7 @@ use sd_notify::NotifyState;
 
 use super::shared::Shared;
 use isotherm_core::compensation::AxisState;
+use isotherm_core::display::{Display, Shown};
 use isotherm_profile::BusId;
 
 /// How long the first attempt of each line to open is waited for.
@@ -113,12 +114,14 @@ fn in_words(shared: &Shared) -> Option<String> {
     let mut states: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for (place, axis) in profile.axes.iter().enumerate() {
         let state = core.compensation.decision(place).map_or(AxisState::Off, |decision| decision.state);
-        let word = match state {
-            AxisState::Off if !axis.has_model() => "no model yet",
-            AxisState::Off if core.arming[place].is_waiting(profile, place) => "waiting to arm",
-            state => AxisState::display_of(state.name()),
+        let shown = Shown {
+            state,
+            has_model: axis.has_model(),
+            is_waiting: core.arming[place].is_waiting(profile, place),
+            is_checked: core.arming[place].sign.is_some(),
+            held: core.outputs.held(place, &core.contact, shared.dry_run),
         };
-        states.entry(word).or_default().push(&axis.settings.name);
+        states.entry(Display::of(shown).words()).or_default().push(&axis.settings.name);
     }
     let is_lost = |place: &usize| !core.contact.devices[*place].is_here();
     let lost: Vec<&str> = (0..profile.devices.len())

@@ -22,6 +22,7 @@ use crate::observe::status::{
     SignalStatus, Status, WaitingStatus,
 };
 use isotherm_core::compensation::{Decision, Probe, Stages};
+use isotherm_core::display::{Display, Shown};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
 use isotherm_profile::DeviceId;
@@ -168,6 +169,14 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
             true => "waiting",
             false => decision.state.name(),
         },
+        shown: Display::of(Shown {
+            state: decision.state,
+            has_model: axis.has_model(),
+            is_waiting: picture.is_waiting(shared, place),
+            is_checked: picture.arming[place].sign.is_some(),
+            held: picture.outputs.held(place, &picture.contact, shared.dry_run),
+        })
+        .name(),
         waiting: picture.arming[place].asked.as_ref().map(|asked| WaitingStatus {
             asked: asked.by.way.by(&asked.by.who),
             expires_s: asked.until.since(picture.now).as_secs_f64(),
@@ -303,7 +312,7 @@ fn devices(shared: &Shared, picture: &Picture) -> Vec<DeviceStatus> {
                 .lost
                 .as_ref()
                 .filter(|lost| lost.answers_since.is_none())
-                .map(|lost| lost.fault.clone())
+                .map(|lost| lost.fault.to_string())
                 .or_else(|| picture.wrong[place].clone())
                 .unwrap_or_default(),
             requests: count.requests,

@@ -9,9 +9,13 @@ use std::fmt::Write as _;
 use super::events::{Alarm, Level};
 use super::status::{AxisStatus, BusStatus, DeviceStatus, OutputStatus, ProbeStatus, SignalStatus, Status};
 use isotherm_core::compensation::{AxisState, Stages};
+use isotherm_core::display::Display;
 
 /// What each number is that goes up and down.
-const GAUGES: [(&str, &str); 32] = [
+const GAUGES: [(&str, &str); 35] = [
+    ("isotherm_axis_verified_cz_meters", "Compensation last verified in the control."),
+    ("isotherm_axis_verified_age_seconds", "Time since that was verified."),
+    ("isotherm_axis_unreachable", "1 while the control cannot be asked what it holds."),
     ("isotherm_axis_cz_meters", "Compensation after the guard."),
     ("isotherm_axis_raw_meters", "Compensation as the model computes it."),
     ("isotherm_axis_expected_meters", "One standard deviation of the error that is expected to be left."),
@@ -163,6 +167,9 @@ fn record_alarms(alarms: &[Alarm], of: Labels<'_>, samples: &mut Samples) {
 
 fn record_axis(axis: &AxisStatus, of: Labels<'_>, samples: &mut Samples) {
     let named = of(&[("axis", &axis.name)]);
+    samples.set("isotherm_axis_verified_cz_meters", &named, axis.verified_um.map(meters));
+    samples.set("isotherm_axis_verified_age_seconds", &named, axis.verified_age_s);
+    samples.set("isotherm_axis_unreachable", &named, Some(flag(axis.shown == Display::Unreachable.name())));
     samples.set("isotherm_axis_cz_meters", &named, Some(meters(axis.cz_um)));
     samples.set("isotherm_axis_raw_meters", &named, axis.raw_um.map(meters));
     samples.set("isotherm_axis_expected_meters", &named, axis.expected_um.map(meters));

@@ -9,7 +9,8 @@ use serde::{Deserialize, Serialize};
 use super::asker::Asker;
 use super::events::file::Found;
 use super::events::{Alarm, Entry, Event};
-use isotherm_core::compensation::{AxisState, MeasuredReport};
+use isotherm_core::compensation::MeasuredReport;
+use isotherm_core::display::Display;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Language, Overridden};
 
@@ -241,13 +242,10 @@ impl AxisStatus {
         self.has_model && !self.left_off
     }
 
-    /// The word for its state that people see.
+    /// The words for it that people see.
     pub fn display(&self) -> &'static str {
-        match self.state {
-            "waiting" => "waiting to arm",
-            "off" if !self.has_model => "no model yet",
-            state => AxisState::display_of(state),
-        }
+        let found = Display::ALL.into_iter().find(|(_, name, _)| *name == self.shown);
+        found.map_or(self.shown, |(_, _, words)| words)
     }
 }
 
@@ -283,8 +281,10 @@ pub struct AxisStatus {
     pub name: String,
     /// What people call it; empty where the profile does not say.
     pub label: String,
-    /// off, waiting, active, degraded, holding, ramping, zeroed.
+    /// off, waiting, active, degraded, holding, ramping, zeroed: what is decided.
     pub state: &'static str,
+    /// What people are shown, by what was verified too: these, and unmodelled, sign-check, unreachable.
+    pub shown: &'static str,
     /// The profile has a model for it; without one it stays off.
     pub has_model: bool,
     /// What it waits for, or what the preferred model lacks, in words; empty where nothing.

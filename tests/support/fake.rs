@@ -168,6 +168,7 @@ pub(crate) fn status() -> Status {
         stopping: false,
         ready: false,
         axes: vec![AxisStatus {
+            shown: "active",
             truth: None,
             has_model: true,
             sign: None,

@@ -12,10 +12,12 @@
 //! - [`codec`] — registers and the bits of CAN frames become values, and values become registers.
 //! - [`compensation`] — the first pure step: from a snapshot of readings to a decision per axis.
 //! - [`output`] — the second: from a decision, and what the register said, to what is sent next.
+//! - [`display`] — what people are shown of an axis, from what it decides and what was verified.
 
 pub mod border;
 pub mod codec;
 pub mod compensation;
+pub mod display;
 pub mod output;
 pub mod quantity;
 pub mod reading;

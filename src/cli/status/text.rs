@@ -6,6 +6,7 @@ use std::time::Duration;
 use serde_json::Value;
 
 use crate::observe::status::OutputStatus;
+use isotherm_core::display::Display;
 use isotherm_profile::{Unit, labelled};
 use isotherm_profile::{counted, duration_text};
 
@@ -94,13 +95,17 @@ fn axis_lines(name: &str, axis: &Value, dry_run: bool) -> String {
         return text;
     }
     let age = axis["verified_age_s"].as_f64().map_or(String::new(), |age| format!(", {age:.0} s ago"));
-    let writes = if dry_run {
-        "nothing is written".to_owned()
-    } else {
-        format!("{} verified{age}", micron(&axis["verified_um"]))
+    let held = match (dry_run, axis["verified_um"].is_null()) {
+        (true, _) => "nothing is written".to_owned(),
+        (false, true) => "nothing verified yet".to_owned(),
+        (false, false) => format!("{} verified{age}", micron(&axis["verified_um"])),
+    };
+    let unknown = match axis["shown"] == Display::Unreachable.name() {
+        true => "; the control may hold another value now",
+        false => "",
     };
     let limit = axis["limit_um"].as_f64().unwrap_or_default();
-    let _ = writeln!(text, "  Cz {} wanted, of ±{limit} µm; {writes}", micron(&axis["cz_um"]));
+    let _ = writeln!(text, "  Cz {held}{unknown}; {} wanted, of ±{limit} µm", micron(&axis["cz_um"]));
     if let Some(model) = axis["model"].as_str() {
         let acted: Vec<&str> =
             axis["acted"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();

@@ -70,6 +70,7 @@ impl List {
     fn axis(&mut self, axis: &AxisStatus) {
         let mut of = self.of(Subject::Axis(axis.name.clone()));
         of.text("state", axis.state);
+        of.text("shown", axis.shown);
         of.text("why", &axis.why);
         of.text("model", axis.model.as_deref().unwrap_or_default());
         of.flag("armed", axis.armed);

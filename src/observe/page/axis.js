@@ -103,14 +103,16 @@ class Bar {
   show(axis) {
     const limit = axis.limit_um > 0 ? axis.limit_um : 1;
     const place = (value) => 50 + 50 * Math.max(-1, Math.min(1, value / limit));
-    const end = place(axis.cz_um);
+    // The value in the control, as far as that is known; not what is only decided.
+    const held = axis.verified_um ?? axis.cz_um;
+    const end = place(held);
     this.fill.style.left = `${Math.min(50, end)}%`;
     this.fill.style.width = `${Math.abs(end - 50)}%`;
     this.wish.hidden = axis.raw_um === null;
     this.wish.style.left = `${place(axis.raw_um ?? 0)}%`;
     say(this.low, `${signed(-axis.limit_um, 0)}`);
     say(this.high, `${signed(axis.limit_um, 0)} µm`);
-    this.track.ariaLabel = t("of_limit", { um: signed(axis.cz_um, 1), limit: fixed(axis.limit_um, 0) });
+    this.track.ariaLabel = t("of_limit", { um: signed(held, 1), limit: fixed(axis.limit_um, 0) });
   }
 }
 

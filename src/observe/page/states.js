@@ -1,21 +1,32 @@
 // A sign, a tone, a word and a sentence for every state. The sign and the text carry the meaning, the tone repeats it.
 
-import { clock, day, fixed, labelled, say } from "./text.js";
+import { clock, day, fixed, labelled, say, signed, span } from "./text.js";
 import { known, t } from "./words.js";
 
 export const SIGNS = { good: "●", warn: "▲", bad: "■", off: "○" };
 
 const AXIS = {
   active: "good", degraded: "warn", holding: "warn", ramping: "bad", zeroed: "bad", waiting: "warn", off: "off",
+  unmodelled: "off", "sign-check": "warn", unreachable: "bad",
 };
 
-// An axis without a model is off until it has one.
-const stateOf = (axis) => (axis.state === "off" && !axis.has_model ? "unmodelled" : axis.state);
+// What is shown follows from what is decided and what was verified; the gateway says which.
+const stateOf = (axis) => axis.shown;
 
-// What an axis does because the gateway was asked to stop is no fault.
+// What is done, in words; with the verified value where that is what matters.
+function does(axis) {
+  const verified = axis.verified_um !== null;
+  if (axis.shown === "unreachable" && verified) {
+    return t("last_verified", { um: signed(axis.verified_um, 1), span: span(axis.verified_age_s) });
+  }
+  if (axis.shown === "sign-check" && verified) return t("on_purpose", { um: signed(axis.verified_um, 1) });
+  return known("does", axis.shown);
+}
+
+// What an axis does because the gateway was asked to stop is no fault, unless its control cannot be asked.
 export function axisState(axis, status) {
-  const tone = status.stopping ? "off" : AXIS[axis.state] ?? "warn";
-  return [tone, known("state", stateOf(axis)), known("does", stateOf(axis))];
+  const tone = status.stopping && axis.shown !== "unreachable" ? "off" : AXIS[axis.shown] ?? "warn";
+  return [tone, known("state", axis.shown), does(axis)];
 }
 
 // How wrong Cz is expected to be, where it is what the model asks for: not at its limit, and not on its way there.
@@ -48,7 +59,7 @@ export function badge(node, tone, word) {
 }
 
 // In which order an axis speaks for the machine.
-const WORST = ["zeroed", "ramping", "holding", "degraded", "waiting"];
+const WORST = ["unreachable", "zeroed", "ramping", "holding", "sign-check", "degraded", "waiting"];
 
 // The one word for the machine, and the sentence below it.
 export function overall(status) {
@@ -58,7 +69,8 @@ export function overall(status) {
   const [off, unmodelled] = [inState("off"), inState("unmodelled")];
   const why = (state) => {
     const reason = inState(state).map((axis) => standsIn(axis, status) || axis.why).find((text) => text) ?? "";
-    return `${names(inState(state))}: ${known("does", state)}${reason ? ` (${reason})` : ""}.`;
+    const sentence = inState(state).length === 1 ? does(inState(state)[0]) : known("does", state);
+    return `${names(inState(state))}: ${sentence}${reason ? ` (${reason})` : ""}.`;
   };
   const foreign = status.outputs.find((output) => output.state === "foreign");
   if (status.stopping) return ["off", known("state", worst ?? "off"), t("stopping")];

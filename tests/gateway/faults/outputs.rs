@@ -76,6 +76,35 @@ fn an_interlock_that_closes_lets_a_steady_axis_go_on_also_without_a_refresh() {
     assert_eq!(trace.states_between(50, 120), ["active", "holding", "active"], "{}", trace.lines());
 }
 
+/// Whatever is decided meanwhile: what the control holds is what was verified, or something else by now.
+#[test]
+fn an_axis_whose_control_does_not_answer_is_shown_as_unreachable_with_the_verified_value() {
+    for action in ["{ action = \"hold\" }", "{ action = \"zero\" }"] {
+        let text = BENCH.replace(
+            BENCH.lines().find(|line| line.starts_with("on_fault")).unwrap(),
+            &format!("on_fault = {action}"),
+        );
+        let trace = run(&text, &cnc("kind = \"silent\"\nat = \"120s\"\nfor_time = \"120s\""), 6 * MINUTE);
+        law::holds(&trace);
+        let shown = |from: u64, to: u64| {
+            let mut shown: Vec<&str> =
+                trace.between(from, to).map(|sample| sample.status.axes[0].shown).collect();
+            shown.dedup();
+            shown
+        };
+        assert_eq!(shown(60, 119), ["active"], "{action}: {}", trace.lines());
+        assert_eq!(shown(135, 235), ["unreachable"], "{action}: {}", trace.lines());
+        assert_eq!(shown(330, 359), ["active"], "{action}: {}", trace.lines());
+        let silent: Vec<_> = trace.between(135, 235).map(|sample| &sample.status.axes[0]).collect();
+        let verified = silent[0].verified_um.unwrap();
+        assert!(verified.abs() > 0.5, "{verified}");
+        for axis in &silent {
+            assert_eq!((axis.verified_um, axis.display()), (Some(verified), "unreachable"), "{action}");
+        }
+        assert!(silent.last().unwrap().verified_age_s > Some(100.0), "{:?}", silent.last());
+    }
+}
+
 #[test]
 fn a_register_changed_behind_an_open_interlock_is_a_foreign_change() {
     let faults = cnc("kind = \"value\"\nsignal = \"cnc_on\"\nvalue = 0\nat = \"60s\"\nfor_time = \"60s\"")
