@@ -16,6 +16,8 @@ use isotherm_profile::regular;
 /// How long the gateway that has taken over may take until every device has answered and every axis decided.
 const READY_WITHIN: Duration = Duration::from_secs(15);
 const LOOK_EVERY: Duration = Duration::from_millis(100);
+/// The other program has so long for its check at least, and again for its start; three times as long as this check if that is more.
+const SHORTEST: Duration = Duration::from_secs(10);
 
 /// Replaces the gateway that runs this profile on this computer: by the program that lies where it was started from, with the
 /// arguments that it was started with and the profile as it is now. No register moves: each keeps what it holds, an armed axis
@@ -36,6 +38,8 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let Arguments { profile, gateway, .. } = arguments;
+    let clock = Passing::default();
+    let begun = clock.passed();
     let loaded = load_modelled(profile, gateway.json).inspect_err(|_| {
         // It is known at the gateway, too, where that can be found.
         if let Some(said) = tell_it_is_wrong(&profile.path, gateway) {
@@ -43,7 +47,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
     })?;
     let socket = gateway.socket(&loaded.profile)?;
-    let replaced = control::restart(&socket, |said| say_beside!("{said}"));
+    // The other program does the same check.
+    let within = SHORTEST.max((clock.passed() - begun) * 3);
+    let replaced = control::restart(&socket, within, |said| say_beside!("{said}"));
     let status = match replaced {
         Err(Failure::WrongProfile(why)) => {
             say_beside!("isotherm: {why}");

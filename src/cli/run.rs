@@ -14,7 +14,7 @@ use super::port::Port;
 use super::services::Sockets;
 use super::signals::Signals;
 use super::{ProfileArguments, load_modelled, volume, warned};
-use crate::cli::say::say;
+use crate::cli::say::{say, say_beside};
 use crate::clock::Clock;
 use crate::gateway::{
     CHECK_ONLY, Gateway, Handover, Options, Program, claims, control, digest_path, make_directory, may_start,
@@ -59,9 +59,11 @@ pub(super) struct Replacement {
 }
 
 impl Replacement {
-    /// Becomes it.
+    /// Becomes it; if it cannot be started any more, the program that ran before goes on in its place.
     pub(super) fn take_over(self) -> anyhow::Error {
-        let error = self.program.takes_over(self.handover);
+        let why = self.program.takes_over(self.handover.as_ref());
+        say_beside!("isotherm: {why}; the program that ran before goes on in its place");
+        let error = self.program.begins_anew(self.handover.as_ref());
         anyhow::anyhow!("nothing has taken the place of this gateway, which has ended: {error}")
     }
 }

@@ -51,6 +51,7 @@ use isotherm_profile::{counted, one_line};
 use silent::{Closed, Silent};
 
 mod client;
+mod process;
 mod restart;
 mod silent;
 mod sockets;
@@ -216,7 +217,7 @@ impl Desk {
         let (trace, line) = (TraceRequest::parse(heard.trim()), Line::parse(heard.trim()));
         let restart = restart::Request::parse(heard.trim());
         let stays = trace.is_some()
-            || restart == Some(restart::Request::Restart)
+            || matches!(restart, Some(restart::Request::Restart { .. }))
             || line.as_ref().is_some_and(|line| line.stays);
         let _place = match stays.then(|| self.stays.try_acquire()).transpose() {
             Ok(place) => place,

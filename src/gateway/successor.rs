@@ -17,13 +17,16 @@ use super::handover::{Handover, digest_path};
 use super::panel::CommandHandle;
 use super::shared::Shared;
 use crate::clock::Passing;
+use crate::fieldbus::explain::system;
 use crate::observe::asker::Asker;
 
 /// The option by which a program checks what it would run with, and ends; the command socket of the one that runs behind it.
 pub const CHECK_ONLY: &str = "check-only";
 
-/// How long a check may take.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// How long a check may take if the client does not say.
+pub(super) const CHECKED_WITHIN: Duration = Duration::from_secs(60);
+/// This program as it runs, also if another one lies at its path now.
+const OWN_IMAGE: &str = "/proc/self/exe";
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 /// What a check says at most, in bytes, and how many lines of it are passed on.
 const MOST_SAID: u64 = 64_000;
@@ -68,8 +71,8 @@ impl Program {
         })
     }
 
-    /// Has the program that lies there now check what it would run with.
-    fn check(&self, socket: &Path) -> Result<(), Unfit> {
+    /// Has the program that lies there now check what it would run with, within this time.
+    fn check(&self, socket: &Path, within: Duration) -> Result<(), Unfit> {
         let shown = self.path.display();
         let mut command = Command::new(&self.path);
         command.args(&self.arguments).arg(format!("--{CHECK_ONLY}")).arg(socket);
@@ -87,13 +90,13 @@ impl Program {
             }
             String::from_utf8_lossy(&said).into_owned()
         });
-        let until = Passing::default().passed() + PATIENCE;
+        let until = Passing::default().passed() + within;
         let status = loop {
             match child.try_wait().map_err(cannot)? {
                 Some(status) => break status,
                 None if Passing::default().passed() >= until => {
                     let _ = child.kill().and_then(|()| child.wait());
-                    let why = format!("{shown} has not checked the profile within {} s", PATIENCE.as_secs());
+                    let why = format!("{shown} has not checked the profile within {} s", within.as_secs());
                     return Err(Unfit::Other(why));
                 }
                 None => std::thread::sleep(LOOK_EVERY),
@@ -102,10 +105,24 @@ impl Program {
         judge(status, &reading.join().unwrap_or_default())
     }
 
-    /// Becomes the program that lies there now, with a sealed handover as its standard input; returns only where that fails.
-    pub fn takes_over(&self, handover: Option<File>) -> std::io::Error {
-        let handover = handover.map_or_else(Stdio::null, Stdio::from);
-        Command::new(&self.path).args(&self.arguments).stdin(handover).exec()
+    /// Becomes the program that lies there now, with a sealed handover as its standard input. Returns a sentence only if that cannot
+    /// be started.
+    pub fn takes_over(&self, handover: Option<&File>) -> String {
+        let error = self.becomes(&self.path, handover);
+        format!("{} cannot be started: {}", self.path.display(), system(&error))
+    }
+
+    /// Begins anew as the program that runs now, with a sealed handover as its standard input. Returns only if that fails.
+    pub fn begins_anew(&self, handover: Option<&File>) -> std::io::Error {
+        self.becomes(Path::new(OWN_IMAGE), handover)
+    }
+
+    fn becomes(&self, image: &Path, handover: Option<&File>) -> std::io::Error {
+        let stdin = match handover.map(File::try_clone).transpose() {
+            Ok(handover) => handover.map_or_else(Stdio::null, Stdio::from),
+            Err(error) => return error,
+        };
+        Command::new(image).arg0(&self.path).args(&self.arguments).stdin(stdin).exec()
     }
 }
 
@@ -142,9 +159,9 @@ impl Successor {
         self.program.was_given(path)
     }
 
-    /// Whether it could run in the place of this gateway, and whether this gateway can hand over to it. Takes its time.
-    pub(super) fn check(&self) -> Result<(), Unfit> {
-        self.program.check(&self.socket)?;
+    /// Whether it could run in the place of this gateway, and whether this gateway can hand over to it. Blocks, `within` this time.
+    pub(super) fn check(&self, within: Duration) -> Result<(), Unfit> {
+        self.program.check(&self.socket, within)?;
         let directory = self.socket.parent().unwrap_or(Path::new("."));
         Handover::rehearse(&digest_path(directory, &self.shared.profile.name))
             .map_err(|error| Unfit::Other(format!("nothing can be handed over to the new program: {error}")))

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use socket2::{Domain, SockAddr, Socket, Type};
 
+use super::process::Process;
 use super::{LONGEST_TRACE, SLACK, STATUS, user};
 use crate::clock::Passing;
 use crate::observe::asker::PATIENCE;
@@ -17,7 +18,7 @@ use isotherm_core::compensation::MeasuredReport;
 const UNDER_WAY: Duration = Duration::from_millis(250);
 /// How often a gateway whose queue of askers is full is asked again.
 const ASK_AGAIN: Duration = Duration::from_millis(50);
-/// How long one gateway ends and the next begins, at most: until what is under way is over and kept.
+/// How long the gateway that runs takes at most until what is under way is over and kept, and the other program begins.
 const REPLACED_WITHIN: Duration = Duration::from_secs(120);
 
 /// Why there is no answer to be glad of.
@@ -38,6 +39,16 @@ pub enum Failure {
     /// It is there, and says nothing.
     #[error("no answer within {} s; not known whether it was done (see `isotherm events` once the gateway goes on)", PATIENCE.as_secs())]
     NoAnswer,
+    /// Another program took the place of the gateway and has ended.
+    #[error(
+        "the new program took over and ended at once; no gateway runs now: start it with `isotherm run` and read what it says (as a \
+             service: systemctl status, journalctl)"
+    )]
+    NewProgramEnded,
+    /// Another program took the place of the gateway and does not answer.
+    #[error("the new program took over and has not answered within {} s; see what it says (as a service: journalctl), and stop it if it \
+             hangs", .0.as_secs())]
+    NewProgramSilent(Duration),
     /// It has ended meanwhile.
     #[error(
         "the gateway has ended before it answered; not known whether it was done (see `isotherm events`)"
@@ -96,21 +107,28 @@ pub fn sign(
 }
 
 /// Asks the running gateway to let another program take its place, and waits until that one answers; `show` gets what happens
-/// until then. Its state, as JSON.
+/// until then. The other program has `within` for its check, and again for its start. Its state, as JSON.
 ///
 /// # Errors
-/// No gateway runs there, it refuses, or nobody answers there any more.
-pub fn restart(path: &Path, mut show: impl FnMut(&str)) -> Result<String, Failure> {
-    let (said, lines) = stay(ask(path, "restart", PATIENCE)?, &mut show)?;
+/// No gateway runs there, it refuses, or the other program ends or does not answer.
+pub fn restart(path: &Path, within: Duration, mut show: impl FnMut(&str)) -> Result<String, Failure> {
+    let stream = tell(path, &format!("restart within={}", within.as_secs_f64()), PATIENCE)?;
+    // The other program runs in the same process.
+    let process = Process::behind(&stream);
+    let (said, lines) = stay(answered(stream)?, &mut show)?;
     show(&said);
     let until = Passing::default().passed() + REPLACED_WITHIN;
     // As long as the one that ends is there, the connection is.
     let mut waits = lines.map(|line| line.map_err(silent) == Err(Failure::NoAnswer));
     while waits.next() == Some(true) && Passing::default().passed() < until {}
+    let until = Passing::default().passed() + within;
     loop {
         match status(path) {
             Ok(status) => return Ok(status),
-            Err(_) if Passing::default().passed() >= until => return Err(Failure::Ended),
+            Err(_) if process.as_ref().is_some_and(Process::has_ended) => {
+                return Err(Failure::NewProgramEnded);
+            }
+            Err(_) if Passing::default().passed() >= until => return Err(Failure::NewProgramSilent(within)),
             Err(_) => std::thread::sleep(ASK_AGAIN),
         }
     }
@@ -210,23 +228,31 @@ fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
 
 /// Sends a line: what the first line of the answer says, and the lines behind it.
 fn ask(path: &Path, line: &str, patience: Duration) -> Result<Answered, Failure> {
+    answered(tell(path, line, patience)?)
+}
+
+/// Sends a line; each line of the answer has this time to come.
+fn tell(path: &Path, line: &str, patience: Duration) -> Result<UnixStream, Failure> {
     let until = Passing::default().passed() + PATIENCE;
     let has_deadline = line != STATUS && !line.starts_with("trace");
     let deadline = if has_deadline { format!(" until={}", until.as_secs_f64()) } else { String::new() };
     // In one piece: half a line is no command.
     let whole = format!("{line}{deadline}\n");
-    let stream = loop {
+    loop {
         let mut stream = connect(path, until)?;
         let sent = stream
             .set_read_timeout(Some(patience + UNDER_WAY))
             .and_then(|()| stream.write_all(whole.as_bytes()));
         match sent {
-            Ok(()) => break stream,
+            Ok(()) => return Ok(stream),
             // Closed before it was heard, because many others come who say nothing.
             Err(error) if error.kind() == ErrorKind::BrokenPipe && Passing::default().passed() < until => {}
             Err(_) => return Err(Failure::Ended),
         }
-    };
+    }
+}
+
+fn answered(stream: UnixStream) -> Result<Answered, Failure> {
     let mut lines = BufReader::new(stream).lines();
     let answer = lines.next().ok_or(Failure::Ended)?.map_err(silent)?;
     Ok((understand(&answer)?, lines))

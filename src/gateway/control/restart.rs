@@ -1,26 +1,32 @@
 //! `restart`: another program takes the place of the gateway that runs.
 //!
-//! `restart` → `waits …` while that program checks the profile, with `still` once a second; then `ok …`, and the connection stays
+//! `restart` → `waits …` while that program checks the profile, with `still` once a second, for 60 s at most or, with `restart
+//! within=10`, for so many; then `ok …`, and the connection stays
 //! open until this program is gone; or `wrong …` where the profile is, or `error …`. `restart wrong` only notes that whoever wanted
 //! it has found the profile wrong; `restart wrong PATH` does where that is the profile of this gateway, for one in which no name
 //! can be read.
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 use tokio::net::unix::OwnedWriteHalf;
 
 use super::{Desk, STILL, said_in_a_line, say};
 use crate::clock::Passing;
-use crate::gateway::successor::Unfit;
+use crate::gateway::successor::{CHECKED_WITHIN, Unfit};
 use crate::observe::asker::{Asker, Connection, PATIENCE, Way};
 
 const RESTART: &str = "restart";
+/// No check takes longer, whatever a client says.
+const LONGEST_CHECK: Duration = Duration::from_secs(600);
 
 /// Whoever wants it has found the profile wrong, or has not looked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Request<'a> {
-    Restart,
+    Restart {
+        within: Duration,
+    },
     /// The profile may be named by its path.
     Wrong(Option<&'a Path>),
 }
@@ -30,9 +36,15 @@ impl<'a> Request<'a> {
     pub(super) fn parse(line: &'a str) -> Option<Request<'a>> {
         let line = line.rsplit_once(" until=").map_or(line, |(line, _)| line);
         match line.strip_prefix(RESTART)? {
-            "" => Some(Request::Restart),
+            "" => Some(Request::Restart { within: CHECKED_WITHIN }),
             " wrong" => Some(Request::Wrong(None)),
-            more => more.strip_prefix(" wrong ").map(|path| Request::Wrong(Some(Path::new(path)))),
+            more => match more.strip_prefix(" within=") {
+                Some(seconds) => {
+                    let within = Duration::try_from_secs_f64(seconds.parse().ok()?).ok()?;
+                    Some(Request::Restart { within: within.min(LONGEST_CHECK) })
+                }
+                None => more.strip_prefix(" wrong ").map(|path| Request::Wrong(Some(Path::new(path)))),
+            },
         }
     }
 }
@@ -49,14 +61,17 @@ pub(super) async fn serve(
         Asker::new(Way::Socket, who.clone()).until(until).at(connection)
     };
     let refused = |why: &str| desk.source.turned_away(RESTART, &asker(), why);
-    if let Request::Wrong(path) = request {
-        let runs = |path| desk.successor.as_ref().is_some_and(|successor| successor.runs_profile(path));
-        if !path.is_none_or(runs) {
-            return say(writer, "error this gateway runs another profile\n").await;
+    let within = match request {
+        Request::Restart { within } => within,
+        Request::Wrong(path) => {
+            let runs = |path| desk.successor.as_ref().is_some_and(|successor| successor.runs_profile(path));
+            if !path.is_none_or(runs) {
+                return say(writer, "error this gateway runs another profile\n").await;
+            }
+            refused("the profile is wrong; the gateway goes on as it was");
+            return say(writer, "ok the gateway goes on as it was\n").await;
         }
-        refused("the profile is wrong; the gateway goes on as it was");
-        return say(writer, "ok the gateway goes on as it was\n").await;
-    }
+    };
     let Some(successor) = desk.successor.clone() else {
         return say(writer, "error nothing can take the place of this gateway\n").await;
     };
@@ -64,7 +79,7 @@ pub(super) async fn serve(
     let (answer, mut checked) = tokio::sync::oneshot::channel();
     let checking = successor.clone();
     // A thread of its own: nothing waits for it when this program ends.
-    let check = move || drop(answer.send(checking.check()));
+    let check = move || drop(answer.send(checking.check(within)));
     std::thread::Builder::new().name("check".to_owned()).spawn(check)?;
     let checked = loop {
         match tokio::time::timeout(STILL, &mut checked).await {

@@ -3,6 +3,8 @@
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::time::Duration;
 
+use isotherm::clock::Clock;
+
 use crate::service::device::What;
 use crate::service::process::{isotherm, until};
 use crate::service::rig::{Service, copy, corrected};
@@ -180,30 +182,75 @@ fn another_machine_s_profile_does_not_take_the_place() {
     service.walks_to(30);
 }
 
+/// Puts a script, or the program itself, in the place of the program that was started.
+fn replace(service: &Service, script: Option<&str>) {
+    let new = service.home.path().join("new");
+    match script {
+        Some(text) => std::fs::write(&new, text).unwrap(),
+        None => copy(env!("CARGO_BIN_EXE_isotherm"), &new),
+    }
+    std::fs::set_permissions(&new, std::fs::Permissions::from_mode(0o755)).unwrap();
+    std::fs::rename(&new, &service.program).unwrap();
+}
+
+/// A program whose check does the one, and which itself does the other.
+fn program(check: &str, run: &str) -> String {
+    format!("#!/bin/sh\ncase \"$*\" in *--check-only*) {check};; esac\n{run}\n")
+}
+
+#[test]
+fn a_new_program_that_ends_at_once_or_hangs_is_reported_soon() {
+    let patience = Duration::from_secs(40);
+    let clock = Clock::wall();
+    for (check, run, words) in [
+        ("exit 0", "exit 3", "took over and ended at once"),
+        ("exit 0", "exec sleep 100", "has not answered within 10 s"),
+    ] {
+        let service = Service::start(|text| text);
+        replace(&service, Some(&program(check, run)));
+        let begun = clock.now();
+        let (code, said) = service.restart(&[]);
+        assert_eq!((code, said.contains(words)), (Some(1), true), "{run}: {said}");
+        assert!(clock.now().since(begun) < patience, "{run}: {said}");
+        service.gateway.signal("KILL");
+    }
+    let service = Service::start(|text| text);
+    replace(&service, Some(&program("exec sleep 100", "exit 3")));
+    let (code, said) = service.restart(&[]);
+    let words = "has not checked the profile within 10 s; the gateway goes on as it was";
+    assert_eq!((code, said.contains(words)), (Some(1), true), "{said}");
+    service.walks_to(30);
+}
+
+#[test]
+fn a_program_that_is_gone_after_its_check_leaves_the_old_one_in_its_place() {
+    let mut service = Service::start(|text| text);
+    service.walks_to(50);
+    replace(&service, Some(&program("rm \"$0\"; exit 0", "exit 3")));
+    let (code, said) = service.restart(&[]);
+    assert_eq!(code, Some(0), "{said}");
+    assert_eq!(service.device.offset(), 50);
+    service.walks_to(80);
+    assert_eq!(service.events("armed").len(), 2, "{said}");
+    let told = service.gateway.so_far().join("\n");
+    assert!(told.contains("cannot be started") && told.contains("goes on in its place"), "{told}");
+}
+
 #[test]
 fn the_program_that_lies_there_now_takes_over_and_one_that_cannot_run_does_not() {
     let mut service = Service::start(|text| text);
     service.walks_to(50);
-    let replace = |text: Option<&str>| {
-        let new = service.home.path().join("new");
-        match text {
-            Some(text) => std::fs::write(&new, text).unwrap(),
-            None => copy(env!("CARGO_BIN_EXE_isotherm"), &new),
-        }
-        std::fs::set_permissions(&new, std::fs::Permissions::from_mode(0o755)).unwrap();
-        std::fs::rename(&new, &service.program).unwrap();
-    };
-    replace(Some("#!/bin/sh\necho 'isotherm: this computer is too old' >&2\nexit 1\n"));
+    replace(&service, Some("#!/bin/sh\necho 'isotherm: this computer is too old' >&2\nexit 1\n"));
     let (code, said) = service.restart(&[]);
     assert_eq!(
         (code, said.contains("this computer is too old; the gateway goes on")),
         (Some(1), true),
         "{said}"
     );
-    replace(Some("no program at all"));
+    replace(&service, Some("no program at all"));
     let (code, said) = service.restart(&[]);
     assert_eq!((code, said.contains("cannot be started")), (Some(1), true), "{said}");
-    replace(None);
+    replace(&service, None);
     let (code, said) = service.restart(&[]);
     assert_eq!(code, Some(0), "{said}");
     let runs = std::fs::metadata(format!("/proc/{}/exe", service.gateway.id())).unwrap().ino();
