@@ -15,3 +15,4 @@ mod rig;
 mod shared;
 mod stopped;
 mod two;
+mod windup;
