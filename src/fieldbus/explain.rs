@@ -142,13 +142,13 @@ const fn remedy_at_a_server(fault: Fault) -> Option<&'static str> {
 const AT_THIS_COMPUTER: &str = "their driver does not come back: is an adapter or a cable unplugged, does a 1-Wire sensor answer with a wrong \
                                 checksum, which the kernel repeats for seconds? `dmesg` says more; each is asked again once it is back";
 
-/// What is wrong, and what to do where the cause itself does not say it. In text both in one sentence; for programs `fault`, which
-/// is that sentence, `cause` and `hint`.
+/// Cause of a fault, with a hint if the cause itself does not say what to do. `Display` prints both in one sentence. Serialised fields:
+/// `fault` (that sentence), `cause`, `hint`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Explained {
-    /// What is wrong.
+    /// Cause, without what to do.
     pub cause: String,
-    /// What to do.
+    /// What to do about the cause.
     pub hint: Option<&'static str>,
 }
 

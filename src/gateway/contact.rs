@@ -55,7 +55,7 @@ pub(super) struct Lost {
     pub(super) missed: u64,
     /// Those in a row.
     in_a_row: u64,
-    /// Why, as it was reported.
+    /// Reported cause; `None` until the loss is reported.
     reported: Option<Cause>,
     /// It answers again, since then.
     pub(super) answers_since: Option<Moment>,
@@ -69,12 +69,12 @@ pub(super) struct Down {
     cause: Cause,
 }
 
-/// Why something fails, as it was reported last.
+/// Reported cause of a fault.
 #[derive(Clone, Debug)]
 struct Cause {
     reported: String,
-    /// Another one, found once since.
-    other: Option<String>,
+    /// Another cause that was found since, and how often in a row.
+    other: Option<(String, u32)>,
 }
 
 impl Cause {
@@ -82,14 +82,16 @@ impl Cause {
         Cause { reported, other: None }
     }
 
-    /// This is the cause now. Whether that is to be reported: another one that was found twice in a row.
-    fn is_now(&mut self, cause: &str) -> bool {
+    /// Notes the present cause. Returns whether to report it: a cause other than the reported one, found `often` in a row. Causes
+    /// that alternate are no news.
+    fn is_now(&mut self, cause: &str, often: u32) -> bool {
         if self.reported == cause {
             self.other = None;
             return false;
         }
-        if self.other.as_deref() != Some(cause) {
-            self.other = Some(cause.to_owned());
+        let found = self.other.take().filter(|(other, _)| other == cause).map_or(1, |(_, found)| found + 1);
+        if found < often {
+            self.other = Some((cause.to_owned(), found));
             return false;
         }
         *self = Cause::new(cause.to_owned());
@@ -107,6 +109,10 @@ pub(super) struct BusCount {
     pub(super) overrun_at: Option<Moment>,
     pub(super) jitter: [u64; JITTER_MS.len() + 1],
 }
+
+/// Attempts to connect, and requests, that fail in a row for another reason before that is reported.
+const CHANGED_AFTER_ATTEMPTS: u32 = 2;
+const CHANGED_AFTER_REQUESTS: u32 = 20;
 
 /// Upper bounds of the jitter histogram, ms.
 pub(super) const JITTER_MS: [f64; 7] = [0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 200.0];
@@ -257,14 +263,14 @@ impl Contact {
         }));
     }
 
-    /// There is none, after so many attempts. Reported when that begins, and when the cause has become another one.
+    /// Notes that the line has no connection after so many attempts. Reports the beginning and each change of the cause.
     pub(super) fn link_is_down(&mut self, id: BusId, attempts: u64, fault: Fault, events: &mut Vec<Event>) {
         let bus = self.profile.bus(id);
         let cause = explain_on(bus.transport, fault);
         let is_news = match &mut self.buses[id.0].down {
             Some(down) => {
                 down.attempts = attempts;
-                down.cause.is_now(&cause.cause)
+                down.cause.is_now(&cause.cause, CHANGED_AFTER_ATTEMPTS)
             }
             down => {
                 *down = Some(Down { attempts, cause: Cause::new(cause.cause.clone()) });
@@ -284,7 +290,7 @@ impl DeviceCount {
         self.answered && self.lost.is_none()
     }
 
-    /// Its last request was not answered.
+    /// Returns whether the last request was not answered.
     pub(super) fn does_not_answer(&self) -> bool {
         self.lost.as_ref().is_some_and(|lost| lost.answers_since.is_none())
     }
@@ -299,10 +305,10 @@ impl DeviceCount {
 }
 
 impl Lost {
-    /// It was not reported, or the cause is another one now.
+    /// Returns whether the loss, or a changed cause, must be reported.
     fn has_news(&mut self) -> bool {
         let fault = &self.fault;
-        self.reported.as_mut().is_none_or(|cause| cause.is_now(&fault.cause))
+        self.reported.as_mut().is_none_or(|cause| cause.is_now(&fault.cause, CHANGED_AFTER_REQUESTS))
     }
 
     fn report(&mut self, device: &Device) -> Event {
@@ -349,7 +355,10 @@ mod tests {
     fn another_cause_is_reported_once_it_was_found_twice() {
         let mut cause = Cause::new("refused".to_owned());
         let found = ["refused", "timeout", "refused", "timeout", "certificate", "certificate", "certificate"];
-        assert_eq!(found.map(|found| cause.is_now(found)), [false, false, false, false, false, true, false]);
+        assert_eq!(
+            found.map(|found| cause.is_now(found, 2)),
+            [false, false, false, false, false, true, false]
+        );
         let profile = include_str!("../../profiles/surface-grinder.toml");
         let profile = isotherm_profile::parse(Path::new("grinder.toml"), profile, &[], &[]).unwrap().profile;
         let (mut contact, mut events) = (Contact::new(&Arc::new(profile)), Vec::new());

@@ -378,10 +378,11 @@ impl Core {
         })
     }
 
-    /// The verified Cz of the output that is farthest behind what its axis decided last, among those that answer.
+    /// Verified Cz of the register that is farthest behind the last decision of the axis, among those that answer. `None` if no
+    /// register is behind. A corrected position is not counted: the next one follows within milliseconds.
     fn behind(&self, axis: usize) -> Option<Micron> {
-        let profile = &self.given.profile;
-        let decision = self.compensation.decision(axis)?;
+        let Given { profile, dry_run, .. } = &self.given;
+        let decision = self.compensation.decision(axis).filter(|_| !dry_run)?;
         let waits = |id: &OutputId| {
             let (output, state) = (profile.output(*id), &self.outputs[id.0]);
             let takes_cz =
@@ -394,7 +395,7 @@ impl Core {
         all.max_by(|one, other| distance(one).total_cmp(&distance(other)))
     }
 
-    /// This Cz is what was decided, to half a count of its register.
+    /// Returns whether this verified Cz is the decided one, to half a count of its register.
     fn is_there(&self, decision: &Decision, output: &Output, state: &OutputState, cz: Micron) -> bool {
         output.writes == Writes::Reference
             || state.is_near(&self.given.profile, output, cz, part(decision, output.writes))

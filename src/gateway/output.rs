@@ -106,7 +106,7 @@ impl Outputs {
         self.of_axis[axis].iter().map(|id| (self.profile.output(*id), &self.states[id.0]))
     }
 
-    /// What the control holds of the Cz of an axis, as far as that is known.
+    /// Cz of an axis in the control, as far as the gateway knows it.
     pub(super) fn held(&self, axis: usize, contact: &Contact, dry_run: bool) -> Held {
         if dry_run {
             return Held::Unknown;
@@ -180,7 +180,7 @@ impl OutputState {
         }
     }
 
-    /// This verified Cz is what is wanted of its register, to half a count.
+    /// Returns whether this verified Cz is the wanted one, to half a count of the register.
     pub(super) fn is_near(&self, profile: &Profile, output: &Output, cz: Micron, wanted: Micron) -> bool {
         let settings = &profile.axis(output.axis).settings;
         let grain = match (output.writes, settings.intercept_slope) {

@@ -71,7 +71,7 @@ impl Program {
         })
     }
 
-    /// Has the program that lies there now check what it would run with, within this time.
+    /// Lets the program at that path check its profile and arguments, within this time.
     fn check(&self, socket: &Path, within: Duration) -> Result<(), Unfit> {
         let shown = self.path.display();
         let mut command = Command::new(&self.path);
@@ -159,7 +159,8 @@ impl Successor {
         self.program.was_given(path)
     }
 
-    /// Whether it could run in the place of this gateway, and whether this gateway can hand over to it. Blocks, `within` this time.
+    /// Checks that the other program could run in the place of this gateway, and that this gateway can hand over to it. Blocks, at
+    /// most `within` this time.
     pub(super) fn check(&self, within: Duration) -> Result<(), Unfit> {
         self.program.check(&self.socket, within)?;
         let directory = self.socket.parent().unwrap_or(Path::new("."));

@@ -153,7 +153,7 @@ pub(super) fn part(decision: &Decision, writes: Writes) -> Micron {
     if writes == Writes::Slope { decision.slope } else { decision.cz }
 }
 
-/// What that part is on its way to.
+/// Target of that part.
 pub(super) fn target(decision: &Decision, writes: Writes) -> Micron {
     if writes == Writes::Slope { decision.slope_target } else { decision.target }
 }

@@ -283,7 +283,7 @@ pub struct AxisStatus {
     pub label: String,
     /// off, waiting, active, degraded, holding, ramping, zeroed: what is decided.
     pub state: &'static str,
-    /// What people are shown, by what was verified too: these, and unmodelled, sign-check, unreachable.
+    /// State as people see it, from the decision and the verified value: these, unmodelled, sign-check, unreachable.
     pub shown: &'static str,
     /// The profile has a model for it; without one it stays off.
     pub has_model: bool,

@@ -125,8 +125,8 @@ pub struct Control {
     pub sign: Option<Micron>,
     /// A person has disarmed it, and has looked: whatever its sensors read is believed.
     pub trust: bool,
-    /// The verified Cz of the output farthest behind the decision, while it waits: Cz stays within one step of it. `None` where no
-    /// output waits.
+    /// Verified Cz of the register that is farthest behind the last decision: Cz stays within one step of it. `None` if no register
+    /// is behind.
     pub behind: Option<Micron>,
 }
 
@@ -195,11 +195,11 @@ pub struct Decision {
     /// Where the control applies the slope itself: what it comes to at the axis's reach, after the guard; else zero.
     /// Cz is K0 there, the value at the reference position.
     pub slope: Micron,
-    /// What Cz is on its way to, within the limit: the value that the model, the fault action, the stop or the sign check
-    /// requests. Cz itself while nothing is requested.
+    /// Target of Cz within the limit: the value that the model, the fault action, the stop or the sign check requests. Equal to Cz
+    /// while nothing is requested.
     #[serde(default)]
     pub target: Micron,
-    /// The same for the slope.
+    /// Target of the slope.
     #[serde(default)]
     pub slope_target: Micron,
     /// What the axis is doing.

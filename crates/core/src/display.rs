@@ -1,4 +1,4 @@
-//! What people are shown of an axis, from what it decides and what was last verified in the control.
+//! State of an axis as people see it, from its decision and from the value last verified in the control.
 //!
 //! | the axis | its outputs | is shown as |
 //! |---|---|---|
@@ -12,7 +12,7 @@
 
 use crate::compensation::AxisState;
 
-/// What is known of the Cz in the control.
+/// Cz in the control, as far as the gateway knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Held {
     /// Nothing is written, or nothing was verified yet.
@@ -25,14 +25,14 @@ pub enum Held {
     Unreachable,
 }
 
-/// What people are shown.
+/// State of an axis as people see it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Display {
-    /// It has no model, and is off until it has one.
+    /// Off because the profile has no model for the axis.
     Unmodelled,
     /// Not armed.
     Off,
-    /// It is armed as soon as what it waits for is there.
+    /// Not armed yet; armed when the missing condition is met.
     Waiting,
     /// Following its preferred model.
     Active,
@@ -42,31 +42,31 @@ pub enum Display {
     Holding,
     /// On the way to zero.
     Ramping,
-    /// Zero stands in the control.
+    /// Zero was verified in the control.
     Zeroed,
     /// Moved on purpose, for a dial gauge.
     SignCheck,
-    /// The control cannot be asked.
+    /// The control does not answer.
     Unreachable,
 }
 
-/// What it depends on.
+/// Inputs of [`Display::of`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shown {
-    /// The state that was decided.
+    /// Decided state.
     pub state: AxisState,
-    /// The profile has a model for it.
+    /// The profile has a model for the axis.
     pub has_model: bool,
-    /// It is not armed yet, and will be.
+    /// The axis is not armed yet, and will be.
     pub is_waiting: bool,
-    /// Its sign is being checked with a dial gauge.
+    /// A sign check with a dial gauge is under way.
     pub is_checked: bool,
-    /// What the control holds.
+    /// Cz in the control.
     pub held: Held,
 }
 
 impl Display {
-    /// Every one, with its name for programs and the words for people.
+    /// Every display state with its name for programs and its English words for people.
     pub const ALL: [(Display, &'static str, &'static str); 10] = [
         (Display::Unmodelled, "unmodelled", "no model yet"),
         (Display::Off, "off", "off"),
@@ -80,7 +80,7 @@ impl Display {
         (Display::Unreachable, "unreachable", "unreachable"),
     ];
 
-    /// What is shown then.
+    /// Chooses the display state.
     pub fn of(shown: Shown) -> Display {
         let Shown { state, has_model, is_waiting, is_checked, held } = shown;
         match state {
@@ -97,12 +97,12 @@ impl Display {
         }
     }
 
-    /// Its name for programs.
+    /// Name for programs.
     pub fn name(self) -> &'static str {
         self.entry().1
     }
 
-    /// Its words for people, in English.
+    /// English words for people.
     pub fn words(self) -> &'static str {
         self.entry().2
     }

@@ -12,7 +12,7 @@
 //! - [`codec`] — registers and the bits of CAN frames become values, and values become registers.
 //! - [`compensation`] — the first pure step: from a snapshot of readings to a decision per axis.
 //! - [`output`] — the second: from a decision, and what the register said, to what is sent next.
-//! - [`display`] — what people are shown of an axis, from what it decides and what was verified.
+//! - [`display`] — the state of an axis as people see it, from its decision and the verified value.
 
 pub mod border;
 pub mod codec;

@@ -102,8 +102,8 @@ pub enum Fact {
     Decided {
         /// Counts from the bias; of a shared register our share.
         offset: Counts,
-        /// What the offset is on its way to, within the limit: the value that the model, the fault action, the stop or the sign
-        /// check requests. `None` if that is not known: then the register goes to the offset from either side.
+        /// Target of the offset within the limit: the value that the model, the fault action, the stop or the sign check requests.
+        /// `None` if the target is not known: then the register may reach the offset from either side.
         target: Option<Counts>,
         /// A change to it may be sent until then.
         not_after: Moment,

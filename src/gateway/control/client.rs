@@ -245,7 +245,7 @@ fn tell(path: &Path, line: &str, patience: Duration) -> Result<UnixStream, Failu
             .and_then(|()| stream.write_all(whole.as_bytes()));
         match sent {
             Ok(()) => return Ok(stream),
-            // Closed before it was heard, because many others come who say nothing.
+            // The gateway closed it before the line came, in favour of other connections.
             Err(error) if error.kind() == ErrorKind::BrokenPipe && Passing::default().passed() < until => {}
             Err(_) => return Err(Failure::Ended),
         }

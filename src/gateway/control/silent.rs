@@ -10,8 +10,8 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use crate::clock::Passing;
 
-/// A connection keeps its place for so long in any case, for each place there is: a client sends its line as soon as it is
-/// connected. So a thousand silent connections are closed in a second, however few places there are.
+/// Time for each place that a new connection may stay silent. A client sends its line as soon as it is connected. A thousand silent
+/// connections are closed in a second, however few places there are.
 const GRACE_OF_A_PLACE: Duration = Duration::from_millis(1);
 /// Time for a closed connection to return its place.
 const RETURNED: Duration = Duration::from_millis(10);
@@ -33,13 +33,13 @@ struct Entry {
 pub(super) type Closed = oneshot::Receiver<()>;
 
 impl Silent {
-    /// Of so many places.
+    /// For this number of places.
     pub(super) fn of(places: usize) -> Silent {
         let grace = GRACE_OF_A_PLACE.saturating_mul(u32::try_from(places).unwrap_or(u32::MAX));
         Silent { entries: Arc::default(), grace, clock: Passing::default() }
     }
 
-    /// A new connection.
+    /// Notes a new connection, which is silent until the returned receiver is dropped.
     pub(super) fn enter(&self) -> Closed {
         let (close, closed) = oneshot::channel();
         let since = self.clock.passed();
@@ -47,8 +47,8 @@ impl Silent {
         closed
     }
 
-    /// A place, at the cost of the oldest silent connection if there is no other. Waits while nobody is silent. `None` if there
-    /// will be none, which does not happen while connections are served.
+    /// Returns a place; closes the oldest silent connection if no place is free. Waits while no connection is silent. `None` if the
+    /// semaphore is closed, which does not happen while connections are served.
     pub(super) async fn place(&self, places: &Arc<Semaphore>) -> Option<OwnedSemaphorePermit> {
         loop {
             if let Ok(place) = places.clone().try_acquire_owned() {
@@ -77,7 +77,7 @@ impl Silent {
         })
     }
 
-    /// Without those whose line has come.
+    /// Removes connections whose line has come, then calls `act`.
     fn with<T>(&self, act: impl FnOnce(&mut VecDeque<Entry>) -> T) -> T {
         let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
         entries.retain(|entry| !entry.close.is_closed());

@@ -11,7 +11,7 @@ use isotherm_profile::{OutputId, Writes};
 pub(super) struct Order {
     /// Cz, or what the slope comes to at the axis's reach.
     pub(super) cz: Micron,
-    /// What that is on its way to.
+    /// Target of it.
     pub(super) target: Micron,
     pub(super) decided: Moment,
     pub(super) armed: bool,

@@ -72,7 +72,7 @@ pub struct Beginning {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Towards {
-    /// What the offset is on its way to: counts from the bias, or our share.
+    /// Target of the offset: counts from the bias, or the gateway share.
     target: Counts,
 }
 

@@ -21,10 +21,10 @@ pub struct Alarm {
     pub since: String,
     /// The sentence.
     pub text: String,
-    /// What is wrong now, without what to do.
+    /// Present cause.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
-    /// What to do.
+    /// Hint: what to do about the cause.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hint: Option<String>,
     /// Who has seen it, and when.
@@ -59,7 +59,7 @@ impl Alarms {
         ended.retain(|id| self.0.remove(id).is_some());
         if let Some(id) = raised.clone() {
             let field = |name: &str| entry.data.get(name).and_then(|value| value.as_str()).map(str::to_owned);
-            // It shows the present cause, and since when something is wrong. That cause nobody has seen yet.
+            // An alarm that stands keeps its beginning. Its new cause is not acknowledged yet.
             let since = self.0.get(&id).filter(|known| known.kind == entry.kind.to_string());
             let since = since.map_or_else(|| entry.at.clone(), |known| known.since.clone());
             let alarm = Alarm {

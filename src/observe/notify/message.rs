@@ -59,13 +59,14 @@ impl Message {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fieldbus::explain::Explained;
     use crate::observe::events::Event;
     use isotherm_core::quantity::Moment;
 
     #[test]
     fn a_message_says_whose_it_is_when_what_and_how_many_there_were() {
-        let event =
-            Event::DeviceLost { device: "cnc".into(), at: " (unit 2)".into(), fault: "timeout".into() };
+        let fault = Explained { cause: "timeout".into(), hint: Some("is it powered?") };
+        let event = Event::DeviceLost { device: "cnc".into(), at: " (unit 2)".into(), fault };
         let change = Change { raised: Some("device cnc".into()), ended: Vec::new() };
         let entry = event.entry(Moment::default());
         let message =
@@ -74,8 +75,10 @@ mod tests {
             message.json(3),
             serde_json::json!({
                 "machine": "press-7", "when": "1970-01-01T00:00:00Z", "kind": "device-lost", "level": "warning",
-                "text": "device cnc (unit 2): timeout", "device": "cnc", "alarm": "device cnc", "count": 17, "dropped": 3,
-                "data": { "device": "cnc", "at": " (unit 2)", "fault": "timeout" },
+                "text": "device cnc (unit 2): timeout: is it powered?", "device": "cnc", "alarm": "device cnc", "count": 17, "dropped": 3,
+                "data": {
+                    "device": "cnc", "at": " (unit 2)", "fault": "timeout: is it powered?", "cause": "timeout", "hint": "is it powered?",
+                },
             })
         );
     }

@@ -42,11 +42,11 @@ pub(super) struct Axis {
     pub(super) decision: Decision,
 }
 
-/// What the guards make of what is requested.
+/// Result of the guards of Cz and slope.
 struct Guarded {
     cz: Micron,
     slope: Micron,
-    /// What is requested, within the limit.
+    /// Requested Cz within the limit.
     target: Micron,
     slope_target: Micron,
     acted: Stages,
@@ -221,7 +221,7 @@ impl Axis {
         error.is_some_and(|error| chosen.raw.abs() > error || chosen.slope.abs() > error)
     }
 
-    /// Cz and the slope's effect after the guard, what they are on their way to, and the stages that acted on either.
+    /// Moves both guards towards the requested values; their values, the targets, and the stages that acted on either.
     fn guarded(&mut self, followed: Option<Chosen>, control: &Control, dt: Duration) -> Guarded {
         let (wanted, pace) = match (self.state, followed, self.settings.on_fault) {
             (AxisState::Active | AxisState::Degraded, Some(chosen), _) => {

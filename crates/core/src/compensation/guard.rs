@@ -92,7 +92,7 @@ impl Guard {
         self.counted = self.place;
     }
 
-    /// An output waits at this value: what is decided stays within one step of it.
+    /// Limits the decided value to one step from the verified value `behind`. Returns the decided value.
     pub(super) fn stay_near(&mut self, behind: Micron, settings: &GuardSettings) -> Micron {
         let near = behind + (self.counted - behind).clamp_to(settings.step);
         if near != self.counted {

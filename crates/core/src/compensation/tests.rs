@@ -5,6 +5,7 @@ use crate::quantity::of;
 use crate::reading::Reason;
 use std::time::Duration;
 
+mod behind;
 mod datum;
 mod distrusted;
 mod expected;

@@ -119,8 +119,8 @@ pub(super) fn is_there(state: &State, settings: &Settings, stands: Counts, offse
     stands == target || (avoids(settings, centre, target) && stands.abs_diff(target) == 1)
 }
 
-/// The values that a write may have: from the value of the register to the target, and one count more where the target itself is a zero
-/// that is avoided. Everything if no target is known.
+/// Lowest and highest value that a write may have: from the register value to the target. One count more if the target itself is a
+/// zero that is avoided; the whole range if no target is known.
 fn way(state: &State, settings: &Settings, stands: Counts, order: Order) -> (Counts, Counts) {
     let Some(target) = order.target.filter(|_| settings.rules.no_windup) else { return settings.range };
     let centre = state.centre(settings);

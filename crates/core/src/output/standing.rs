@@ -44,7 +44,7 @@ pub(super) enum Untaken {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Order {
     pub(super) offset: Counts,
-    /// What the offset is on its way to.
+    /// Target of the offset.
     #[serde(default)]
     pub(super) target: Option<Counts>,
     pub(super) not_after: Moment,
