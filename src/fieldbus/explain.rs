@@ -3,12 +3,9 @@
 //!
 //! A [`Fault`] shows what is wrong; [`remedy`] is the table of what to do, [`explain`] both in one sentence.
 
-use std::fmt;
 use std::io::{Error, ErrorKind};
 
-use serde::ser::SerializeMap;
-use serde::{Serialize, Serializer};
-
+use isotherm_core::explained::Explained;
 use isotherm_core::reading::Status;
 use isotherm_profile::Transport;
 use isotherm_profile::regular::without_numbers;
@@ -141,41 +138,6 @@ const fn remedy_at_a_server(fault: Fault) -> Option<&'static str> {
 /// The same of sensors of this computer, where nothing else can fail as a whole.
 const AT_THIS_COMPUTER: &str = "their driver does not come back: is an adapter or a cable unplugged, does a 1-Wire sensor answer with a wrong \
                                 checksum, which the kernel repeats for seconds? `dmesg` says more; each is asked again once it is back";
-
-/// Cause of a fault, with a hint if the cause itself does not say what to do. `Display` prints both in one sentence. Serialised fields:
-/// `fault` (that sentence), `cause`, `hint`.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Explained {
-    /// Cause, without what to do.
-    pub cause: String,
-    /// What to do about the cause.
-    pub hint: Option<&'static str>,
-}
-
-impl fmt::Display for Explained {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.cause)?;
-        self.hint.map_or(Ok(()), |hint| write!(f, ": {hint}"))
-    }
-}
-
-impl Serialize for Explained {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut fields = serializer.serialize_map(None)?;
-        fields.serialize_entry("fault", &self.to_string())?;
-        fields.serialize_entry("cause", &self.cause)?;
-        if let Some(hint) = self.hint {
-            fields.serialize_entry("hint", hint)?;
-        }
-        fields.end()
-    }
-}
-
-impl<T: Into<String>> From<T> for Explained {
-    fn from(cause: T) -> Explained {
-        Explained { cause: cause.into(), hint: None }
-    }
-}
 
 /// What is wrong, and what to do, in one sentence.
 pub fn explain(fault: Fault) -> String {

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::explain::{Explained, advised_on, explain_on};
+use crate::fieldbus::explain::{advised_on, explain_on};
 use crate::observe::events::Event;
+use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::{Reason, SignalId};
 use isotherm_profile::{BusId, Device, DeviceId, OutputId, Profile, Transport};

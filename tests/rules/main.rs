@@ -12,13 +12,15 @@ mod source;
 
 /// Which rooms of its crate each room may import, where Cargo cannot hold it. A name behind `::` narrows it to that part
 /// of the room. `src/lib.rs` and `crates/core/src/lib.rs` draw the same.
-const ARROWS: [(&str, &str, &[&str]); 14] = [
+const ARROWS: [(&str, &str, &[&str]); 16] = [
     ("crates/core", "border", &[]),
     ("crates/core", "quantity", &[]),
     ("crates/core", "reading", &["quantity"]),
     ("crates/core", "codec", &["quantity", "reading"]),
     ("crates/core", "compensation", &["border", "quantity", "reading"]),
     ("crates/core", "output", &["quantity"]),
+    ("crates/core", "display", &["compensation", "quantity"]),
+    ("crates/core", "explained", &[]),
     ("", "clock", &[]),
     ("", "tls", &[]),
     ("", "fieldbus", &["clock", "tls"]),

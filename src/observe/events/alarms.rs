@@ -167,7 +167,7 @@ impl Event {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fieldbus::explain::Explained;
+    use isotherm_core::explained::Explained;
     use isotherm_core::quantity::Moment;
 
     fn seen(by: &str) -> Seen {

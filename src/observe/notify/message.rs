@@ -59,8 +59,8 @@ impl Message {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fieldbus::explain::Explained;
     use crate::observe::events::Event;
+    use isotherm_core::explained::Explained;
     use isotherm_core::quantity::Moment;
 
     #[test]

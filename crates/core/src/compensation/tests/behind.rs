@@ -24,7 +24,7 @@ fn while_an_output_waits_cz_stays_within_one_step_of_it() {
     let cz = waits(&mut rig, 1.0, 5);
     assert!(cz.iter().all(|cz| (*cz - 2.0).abs() < 1e-9), "{cz:?}");
     let decision = rig.after(10.0);
-    assert_eq!((decision.cz, decision.target), (um(3.0), um(30.0)), "it goes on from there");
+    assert_eq!((decision.cz, decision.target), (um(3.0), um(30.0)), "it resumes from that value");
 }
 
 /// The request turns round: the first decision after that is on the way back.
