@@ -60,7 +60,7 @@ impl Alarms {
         if let Some(id) = raised.clone() {
             let field = |name: &str| entry.data.get(name).and_then(|value| value.as_str()).map(str::to_owned);
             // An alarm that stands keeps its beginning. Its new cause is not acknowledged yet.
-            let since = self.0.get(&id).filter(|known| known.kind == entry.kind.to_string());
+            let since = self.0.get(&id).filter(|known| known.kind == *entry.kind);
             let since = since.map_or_else(|| entry.at.clone(), |known| known.since.clone());
             let alarm = Alarm {
                 id: id.clone(),
