@@ -1,4 +1,4 @@
-//! A frozen sensor on the page: a real gateway at a virtual machine, whose time stands still while somebody looks.
+//! A frozen sensor and a silent control on the page: a real gateway at a virtual machine, whose time stands still while somebody looks.
 
 use std::path::Path;
 use std::time::Duration;
@@ -41,6 +41,11 @@ terms = [
 /// What a browser shows, three hours after the machine began at this hour of its own zone; the sensor froze after half an
 /// hour.
 fn looked_at_from(hour: i8, view: &str, words: &[&str]) -> String {
+    looked_at_after(FROZEN, hour, view, words)
+}
+
+/// The same after these faults.
+fn looked_at_after(faults: &str, hour: i8, view: &str, words: &[&str]) -> String {
     let here = jiff::tz::TimeZone::get(&zone()).unwrap();
     let begin = jiff::civil::date(2026, 1, 5).at(hour, 0, 0, 0).to_zoned(here).unwrap().timestamp();
     let begin = Moment::from_nanos(u64::try_from(begin.as_nanosecond()).unwrap());
@@ -50,7 +55,7 @@ fn looked_at_from(hour: i8, view: &str, words: &[&str]) -> String {
         let clock = Clock::simulated(begin, None);
         let hold = clock.hold();
         let plant = PlantSpec::shipped("surface-grinder").unwrap().unwrap();
-        let faults = FaultScript::parse(FROZEN, &profile).unwrap();
+        let faults = FaultScript::parse(faults, &profile).unwrap();
         let setup = Setup { faults, ..Setup::on_free_ports(plant, 1) };
         let mut machine = VirtualMachine::start(&profile, setup, &clock).await.unwrap();
         let mut last = clock.join();
@@ -108,4 +113,16 @@ fn each_language_says_it_in_its_own_words_and_marks_them_as_its_own() {
         let own = format!("eval:document.querySelector('.axis .why span:last-child').lang === '{language}'");
         looked_at_from(10, "", &[&format!("language:{language}"), words, &own]);
     }
+}
+
+/// The page and the wall show the verified value, and not what is decided meanwhile.
+#[test]
+fn a_control_that_does_not_answer_is_unreachable_with_the_verified_value_and_its_age() {
+    let silent = "[[fault]]\ndevice = \"cnc\"\nkind = \"silent\"\nat = \"179min\"";
+    let red = "eval:document.body.innerHTML.includes('unreachable')";
+    let words = ["unreachable", "last verified ", "the control may hold another value now", red];
+    let text = looked_at_after(silent, 10, "", &words);
+    assert!(!text.contains("Every armed axis follows its model"), "{text}");
+    looked_at_after(silent, 10, "/?view=wall", &words[..3]);
+    looked_at_after(silent, 10, "", &["language:de", "nicht erreichbar", "zuletzt bestätigt "]);
 }
