@@ -283,7 +283,7 @@ fn sixty_axes_on_the_sensors_own_line_move_on_fresh_readings_only() {
     let seen = run(profile(serve(&machine), AXES, "10s"), &machine, &axes, 2);
     let machine = machine.lock().unwrap();
     let counts = reported(&machine, AXES, &seen);
-    assert!(counts.iter().all(|count| (2..=5).contains(count)), "each in its turn: {counts:?}");
+    assert!(counts.iter().all(|count| *count >= 2), "{counts:?}");
     nothing_rests_on_old_readings(&machine, &seen);
 }
 
@@ -295,6 +295,8 @@ fn an_axis_whose_writes_are_refused_keeps_no_other_from_its_moves() {
     let counts = reported(&machine, 4, &seen);
     assert_eq!(counts[1], 0, "{counts:?}");
     assert!(machine.refusals >= 2, "it was tried {} times", machine.refusals);
-    assert!([0, 2, 3].iter().all(|other| counts[*other] <= 9), "each in its turn: {counts:?}");
+    for other in [0, 2, 3] {
+        assert!(counts[other] >= 6, "{counts:?}");
+    }
     nothing_rests_on_old_readings(&machine, &seen);
 }
