@@ -1,42 +1,44 @@
-//! While a register waits for a late write, Cz does not run ahead of it: a request that turns round is followed at once.
+//! While a set waits for a late write of one member, the Cz of another member does not run ahead of its register: a request that turns
+//! round is followed at once.
 
 use std::time::Duration;
 
 use crate::late_writes::control::{Control, Fate};
 use crate::late_writes::device::gateway::wait_until;
-use crate::late_writes::rig::{SET, all_at_once, beside, nobody_is_blamed, profile_of};
+use crate::late_writes::rig::{SET, beside, nobody_is_blamed, profile_of};
 
-/// 45 °C and 10 °C: 25 µm, and -10 µm.
-const WARM: u16 = 450;
-const COLD: u16 = 100;
+/// The other member follows a sensor of its own.
+const COLUMN: &str = "[signal.column]\ndevice = \"cnc\"\nregister = \"holding:1\"\ntype = \"i16\"\nscale = 0.1\nunit = \"degC\"\n\
+                      max_age = \"3s\"\n[axis.y]";
 
-#[test]
-fn a_request_that_turns_round_while_its_register_waits_is_never_followed_the_old_way() {
-    all_at_once(["", SET].map(|more| move || turned_round(more)).into_iter());
+fn temperature(tenths: i16) -> u16 {
+    tenths.cast_unsigned()
 }
 
-/// The fourth write is held for seven seconds of eight. Meanwhile it becomes cold.
-fn turned_round(more: &'static str) {
+/// The first axis is at 1 µm, the other one on its way, and a write of both is held for seven seconds of eight. Meanwhile 28 µm are
+/// requested of the first one, and then -36.
+#[test]
+fn a_request_that_turns_round_while_its_set_waits_is_never_followed_the_old_way() {
     let control =
-        Control::of(|write| if write == 3 { Fate::Held(Duration::from_secs(7)) } else { Fate::Done });
-    control.lock().unwrap().words[0] = WARM;
-    let text = profile_of(&control, "8s", more);
+        Control::of(|write| if write == 6 { Fate::Held(Duration::from_secs(7)) } else { Fate::Done });
+    (control.lock().unwrap().words[0], control.lock().unwrap().words[1]) =
+        (temperature(210), temperature(450));
+    let set = SET.replace("[axis.y]", COLUMN);
+    let set = set.replace("signal = \"bed\", gain = -1.0", "signal = \"column\", gain = -1.0");
+    let text = profile_of(&control, "8s", &set);
     let seen = control.clone();
     let status = beside(&text, move |source| {
         wait_until(source, "a write is held", |_| seen.lock().unwrap().held.is_some());
+        seen.lock().unwrap().words[0] = temperature(480);
         std::thread::sleep(Duration::from_secs(5));
         let (turned, highest) = {
             let mut control = seen.lock().unwrap();
-            control.words[0] = COLD;
-            let held = control.held.unwrap();
-            (control.stood.len() - 1, control.offset().max(held))
+            control.words[0] = temperature(-160);
+            (control.stood.len() - 1, control.offset().max(control.held.unwrap()))
         };
-        wait_until(source, "it arrives", |_| seen.lock().unwrap().offset() == -100);
+        wait_until(source, "it arrives", |_| seen.lock().unwrap().offset() == -360);
         let stood = seen.lock().unwrap().stood[turned..].to_vec();
-        assert!(
-            stood.iter().all(|value| *value <= highest),
-            "{more}: {stood:?} once it was cold, {highest} at most"
-        );
+        assert!(stood.iter().all(|value| *value <= highest), "{stood:?} after it turned, {highest} at most");
     });
-    nobody_is_blamed(&control, &status, more);
+    nobody_is_blamed(&control, &status, "turned round");
 }
