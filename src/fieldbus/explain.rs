@@ -139,7 +139,7 @@ const fn remedy_at_a_server(fault: Fault) -> Option<&'static str> {
 const AT_THIS_COMPUTER: &str = "their driver does not come back: is an adapter or a cable unplugged, does a 1-Wire sensor answer with a wrong \
                                 checksum, which the kernel repeats for seconds? `dmesg` says more; each is asked again once it is back";
 
-/// What is wrong, and what to do, in one sentence.
+/// Cause of the fault and its remedy, in one sentence.
 pub fn explain(fault: Fault) -> String {
     Explained { cause: fault.to_string(), hint: remedy(fault) }.to_string()
 }

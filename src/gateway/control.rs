@@ -78,6 +78,9 @@ const DELETED: Duration = Duration::from_secs(1);
 /// Said to one more of those who stay.
 const TOO_MANY: &str = "error as many wait or listen here as may at once: end one of them, and come again\n";
 
+/// Beginning of the answer to a line that no version up to this one knows.
+const UNKNOWN: &str = "this socket understands";
+
 /// Who only looks.
 const STATUS: &str = "status";
 
@@ -233,8 +236,10 @@ impl Desk {
             return say(&mut writer, &format!("ok {}\n", document(&self.source.status()))).await;
         }
         let Some(line) = line else {
-            let known = "error this socket understands arm, disarm, zero, cancel, sign, measured, trace, status, restart\n";
-            return say(&mut writer, known).await;
+            let known = format!(
+                "error {UNKNOWN} arm, disarm, zero, cancel, sign, measured, trace, status, restart\n"
+            );
+            return say(&mut writer, &known).await;
         };
         let asker = line.asker(who, &connection, &self.attendance);
         let said = match line.execute(self.source.as_ref(), &asker) {

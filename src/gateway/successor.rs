@@ -112,7 +112,7 @@ impl Program {
         format!("{} cannot be started: {}", self.path.display(), system(&error))
     }
 
-    /// Begins anew as the program that runs now, with a sealed handover as its standard input. Returns only if that fails.
+    /// Starts the program that runs now once more, with a sealed handover as its standard input. Returns only if that fails.
     pub fn begins_anew(&self, handover: Option<&File>) -> std::io::Error {
         self.becomes(Path::new(OWN_IMAGE), handover)
     }

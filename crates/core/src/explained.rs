@@ -11,7 +11,7 @@ use serde::{Serialize, Serializer};
 pub struct Explained {
     /// Cause, without what to do.
     pub cause: String,
-    /// What to do about the cause.
+    /// Remedy for the cause.
     pub hint: Option<&'static str>,
 }
 

@@ -8,7 +8,7 @@ use std::time::Duration;
 use socket2::{Domain, SockAddr, Socket, Type};
 
 use super::process::Process;
-use super::{LONGEST_TRACE, SLACK, STATUS, user};
+use super::{LONGEST_TRACE, SLACK, STATUS, UNKNOWN, user};
 use crate::clock::Passing;
 use crate::observe::asker::PATIENCE;
 use crate::observe::status::{Answer, Command};
@@ -112,10 +112,18 @@ pub fn sign(
 /// # Errors
 /// No gateway runs there, it refuses, or the other program ends or does not answer.
 pub fn restart(path: &Path, within: Duration, mut show: impl FnMut(&str)) -> Result<String, Failure> {
-    let stream = tell(path, &format!("restart within={}", within.as_secs_f64()), PATIENCE)?;
-    // The other program runs in the same process.
-    let process = Process::behind(&stream);
-    let (said, lines) = stay(answered(stream)?, &mut show)?;
+    let begin = |line: &str| {
+        let stream = tell(path, line, PATIENCE)?;
+        // The other program runs in the same process.
+        let process = Process::behind(&stream);
+        Ok::<_, Failure>((process, answered(stream)?))
+    };
+    let (process, asked) = match begin(&format!("restart within={}", within.as_secs_f64())) {
+        // A gateway of an older version knows the bare word only, and has its own time for the check.
+        Err(Failure::Refused(why)) if why.starts_with(UNKNOWN) => begin("restart")?,
+        begun => begun?,
+    };
+    let (said, lines) = stay(asked, &mut show)?;
     show(&said);
     let until = Passing::default().passed() + REPLACED_WITHIN;
     // As long as the one that ends is there, the connection is.

@@ -183,6 +183,32 @@ async fn a_command_takes_the_place_of_the_connection_that_has_been_silent_longes
     assert_eq!(closed, 500, "the oldest are closed");
 }
 
+/// A gateway of an older version knows `restart` without a time: an upgrade still asks it.
+#[test]
+fn a_gateway_that_knows_the_bare_restart_only_is_asked_by_that() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = path(directory.path(), "m");
+    let listener = std::os::unix::net::UnixListener::bind(&path).unwrap();
+    let old = std::thread::spawn(move || {
+        let mut heard = Vec::new();
+        for answer in ["error this socket understands arm, restart\n", "error it is stopping\n"] {
+            let (mut stream, _) = listener.accept().unwrap();
+            let mut line = String::new();
+            BufReader::new(&stream).read_line(&mut line).unwrap();
+            stream.write_all(answer.as_bytes()).unwrap();
+            heard.push(line);
+        }
+        heard
+    });
+    let said = restart(&path, Duration::from_secs(10), |_| ());
+    assert_eq!(said, Err(Failure::Refused("it is stopping".to_owned())));
+    let heard = old.join().unwrap();
+    assert!(
+        heard[0].starts_with("restart within=10 ") && heard[1].starts_with("restart until="),
+        "{heard:?}"
+    );
+}
+
 #[tokio::test]
 async fn a_second_gateway_is_refused_and_the_socket_of_a_dead_one_is_replaced() {
     let directory = tempfile::tempdir().unwrap();
