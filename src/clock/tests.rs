@@ -127,6 +127,33 @@ async fn patience_ends_also_with_a_future_that_is_ready_again_and_again() {
     assert!(Patience::new().within(Duration::from_millis(20), both).await.is_none());
 }
 
+/// Waits at most 100 ms for a device in the same process, which answers 1 ms after the computer has stood still for 300 ms.
+async fn waits_over_a_stall(mut patience: Patience) -> Option<()> {
+    let (answer, answered) = tokio::sync::oneshot::channel();
+    let device = async {
+        std::thread::sleep(Duration::from_millis(300));
+        tokio::time::sleep(Duration::from_millis(1)).await;
+        answer.send(()).unwrap();
+        std::future::pending::<()>().await;
+    };
+    let waits = patience.within(Duration::from_millis(100), answered);
+    tokio::select! {
+        biased;
+        waited = waits => waited.map(Result::unwrap),
+        () = device => None,
+    }
+}
+
+#[tokio::test]
+async fn a_timeout_beside_a_virtual_clock_does_not_depend_on_a_computer_that_stands_still() {
+    assert_eq!(waits_over_a_stall(Patience::new()).await, None);
+    assert_eq!(waits_over_a_stall(Patience::by(&Clock::simulated(noon(), None))).await, Some(()));
+    let begun = std::time::Instant::now();
+    let mut silent = Patience::by(&Clock::simulated(noon(), None));
+    assert_eq!(silent.within(Duration::from_millis(100), std::future::pending::<()>()).await, None);
+    assert!(begun.elapsed() >= Duration::from_millis(100));
+}
+
 #[tokio::test(start_paused = true)]
 async fn the_timer_of_a_question_that_was_answered_wakes_nobody_who_rests() {
     const MILLI: Duration = Duration::from_millis(1);

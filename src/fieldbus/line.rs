@@ -129,7 +129,7 @@ impl DeviceLine {
             departure: Departure::whenever(clock),
             witness: None,
             wire: None,
-            patience: Patience::new(),
+            patience: Patience::by(clock),
             timeout: bus.timeout,
             pause_after_connect,
             redial: Backoff::new(FIRST_PAUSE, seed(&bus.name)),
