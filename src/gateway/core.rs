@@ -46,7 +46,7 @@ pub(super) struct Core {
     pub(super) probing: Noted<Probing>,
     pub(super) outputs: Outputs,
     /// By output: what is known of its register, where one task alone carries it out.
-    pub(super) registers: Vec<Option<isotherm_core::output::State>>,
+    pub(super) registers: Vec<Option<isotherm_core::output::Controller>>,
     pub(super) contact: Contact,
     pub(super) commissioning: Commissioning,
     pub(super) storage: Storage,

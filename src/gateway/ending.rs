@@ -35,7 +35,7 @@ pub(super) fn begin_stop(shared: &Shared, how: OnStop) -> Duration {
 pub(super) fn has_settled(shared: &Shared) -> bool {
     let core = shared.core();
     let waits = core.outputs.states().iter().any(|output| output.handshake.waits.is_some());
-    !waits && core.registers.iter().flatten().copied().all(|mut state| state.end().in_order)
+    !waits && core.registers.iter().flatten().copied().all(|mut one| one.state_mut().end().in_order)
 }
 
 /// The process ends: what may still arrive in the registers goes on disk, and whether it ended in order.
@@ -45,9 +45,9 @@ pub(super) fn end_registers(shared: &Shared) {
     }
     let mut core = shared.core();
     let Core { registers, outputs, .. } = &mut *core;
-    for ((output, state), seen) in shared.profile.outputs.iter().zip(registers).zip(outputs.states()) {
-        if let Some(state) = state {
-            let mut kept = state.end();
+    for ((output, controller), seen) in shared.profile.outputs.iter().zip(registers).zip(outputs.states()) {
+        if let Some(controller) = controller {
+            let mut kept = controller.state_mut().end();
             // What the control has not taken is sent again before anything else, by the next run too.
             kept.in_order &= !seen.handshake.is_untaken;
             let _ = shared.ledger.keep(output, kept, false);
@@ -108,7 +108,7 @@ pub(super) fn what_is_left(shared: &Shared) -> String {
                 }
                 (_, None) => format!("{} was never read", output.name),
             };
-            let open = register.map(|state| Units::of(&shared.profile, output).may_arrive(&state));
+            let open = register.map(|one| Units::of(&shared.profile, output).may_arrive(one.state()));
             match open.filter(|open| !open.is_empty()) {
                 Some(open) => format!("{held} ({} may still arrive)", open.join(" or ")),
                 None => held,

@@ -12,11 +12,11 @@ use super::line_handle::LineHandle;
 use crate::fieldbus::line::DeviceLine;
 use isotherm_core::quantity::Moment;
 
-mod applied;
 mod cells;
+mod demand;
+mod failures;
 mod interlock;
 mod nodes;
-mod order;
 mod position;
 mod register;
 mod report;
@@ -26,7 +26,6 @@ mod single;
 mod strobe;
 mod taking;
 mod together;
-mod trouble;
 
 pub(super) use position::Position;
 pub(super) use set::Set;

@@ -108,6 +108,22 @@ impl Units {
         self.grain.map_or_else(|| self.encoding.nearest_counts(value), |grain| nearest(value / grain))
     }
 
+    /// Thousandths of a count that the register has at this value of its unit. `None` if no register holds as many.
+    pub(super) fn thousandths(&self, value: f64) -> Option<i64> {
+        let thousandths = value / self.worth() * 1000.0 + as_float(self.bias) * 1000.0;
+        (thousandths.abs() < as_float(NO_NUMBER)).then(|| nearest(thousandths).0)
+    }
+
+    /// A difference of values of the register's unit in thousandths of a count.
+    pub(super) fn thousandths_of(&self, difference: f64) -> i64 {
+        nearest((difference / self.worth()).abs() * 1000.0).0
+    }
+
+    /// Value of a count, in the register's unit.
+    fn worth(&self) -> f64 {
+        self.grain.unwrap_or_else(|| self.encoding.scale.get())
+    }
+
     /// The lowest and the highest count that the register holds.
     pub(super) fn range(&self) -> (Counts, Counts) {
         match self.encoding.range_of_counts().filter(|_| self.grain.is_none()) {

@@ -95,6 +95,12 @@ impl Control {
         sequence.is_none_or(|sequence| std::mem::replace(&mut self.last_sequence, sequence) != sequence)
     }
 
+    /// Returns whether the sequence has the number after the last one that was taken.
+    fn is_next(&self, bank: &Bank) -> bool {
+        let next = self.last_sequence.checked_add(1).unwrap_or(1);
+        self.sequence.and_then(|at| word(bank, at)).is_none_or(|number| number == next)
+    }
+
     /// Lets time pass; what it takes now, having acknowledged it.
     pub(super) fn advance(
         &mut self,
@@ -110,6 +116,7 @@ impl Control {
         let is_kept = match fault {
             Some(AcknowledgeFault::Never) => self.strobe_up,
             Some(AcknowledgeFault::Stuck) => !self.strobe_up,
+            Some(AcknowledgeFault::NextNumber) => self.strobe_up && !self.is_next(bank),
             _ => false,
         };
         if self.acknowledges == self.strobe_up || is_kept || now.since(self.changed) < delay {

@@ -74,6 +74,8 @@ pub(crate) enum AcknowledgeFault {
     Never,
     Stuck,
     Late(Duration),
+    /// It comes only for a set with the number after the last one that the control took, and no other set is taken.
+    NextNumber,
 }
 
 /// What a broken signal reads.

@@ -50,6 +50,7 @@ impl Desk {
             refresh: None,
             is_shared: false,
             verify: Verify::Reading,
+            applied: None,
             rules: Rules::default(),
         };
         // The last run ended in order: nothing of it may still arrive.

@@ -68,14 +68,21 @@
 //! | `NoAnswer`, `Paused`, `Interlocked`, `Restarted`, `Off` | | is dropped |
 //! | a wait for what may still arrive | | is dropped |
 
-use crate::quantity::{Counts, Moment};
+use serde::{Deserialize, Serialize};
 
+use crate::quantity::{Counts, Moment, Shift, Shifted};
+
+mod applied;
+mod controller;
 mod copies;
+mod demand;
 mod event;
 mod facts;
+mod follow;
 mod inside;
 mod judge;
 mod kept;
+mod numbers;
 mod plan;
 mod reports;
 mod settings;
@@ -84,10 +91,15 @@ mod standing;
 mod state;
 mod turns;
 
+pub use applied::AppliedSettings;
+pub use controller::{Controller, MOST_EVENTS, Policy};
 pub use copies::{Copies, LatelySent, MOST_REMEMBERED, MOST_UNDER_WAY, Room, Sent};
+pub use demand::{Condition, Demand, Demanded, Input, Mode, NotSent, SetCommit};
 pub use event::{Doubt, Event};
+pub use follow::{Cause, Follow, OutputHealth, Trouble};
 pub use inside::next_inside;
 pub use kept::{Account, Kept, Promise};
+pub use numbers::{Attempt, Numbers};
 pub use settings::{Rules, Settings, Verify};
 pub use slots::Slots;
 pub use standing::{Seen, Shown, Standing};
@@ -159,12 +171,15 @@ pub enum Fact {
     },
     /// It is not written any more; what stands there stays.
     Off,
+    /// The decision is not sent: its last moment has passed, or the axis decided otherwise.
+    Lapsed,
     /// The computer stood still: nothing from before counts. It comes before the end of an exchange that was asked for.
     Paused,
 }
 
 /// Who arms.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Who {
     /// A person, who has seen what stands there.
     Person,
@@ -173,7 +188,8 @@ pub enum Who {
 }
 
 /// What is to be done next: at most one exchange, whose end is the next fact.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Action {
     /// Nothing, until a fact comes or this moment.
     Nothing {
@@ -193,6 +209,31 @@ pub enum Action {
         /// It is what stands there already.
         is_repeat: bool,
     },
+}
+
+impl Default for Action {
+    fn default() -> Action {
+        Action::Nothing { until: Moment::default() }
+    }
+}
+
+impl Action {
+    /// The same with its moment moved by `to`.
+    fn moved(self, to: impl Fn(Moment) -> Moment) -> Action {
+        match self {
+            Action::Nothing { until } => Action::Nothing { until: to(until) },
+            Action::Write { value, not_after, is_repeat } => {
+                Action::Write { value, not_after: to(not_after), is_repeat }
+            }
+            Action::Read | Action::Keep => self,
+        }
+    }
+}
+
+impl Shifted for Action {
+    fn shift(&mut self, by: Shift) {
+        *self = self.moved(|moment| moment.shifted(by));
+    }
 }
 
 /// Takes a fact in and says what to do next. While what was asked for is under way, that is nothing.

@@ -97,6 +97,20 @@ pub(super) async fn write_all(
     write(turn, set.device, &stretches, &cells, leave).await
 }
 
+/// Writes heartbeat and control word alone.
+pub(super) async fn write_own(
+    turn: &mut LineTurn<'_>,
+    set: &OutputSet,
+    own: Own,
+) -> Result<(), (Fault, Outcome)> {
+    let words = [(&set.heartbeat, own.heartbeat), (&set.control, own.control)];
+    let words = words.into_iter().filter_map(|(at, word)| Some((register(at.as_ref())?.offset, word)));
+    let cells: Cells = words.collect();
+    let longest = turn.shared.profile.device(set.device).longest_request();
+    let stretches = Stretch::joined(cells.keys().map(|offset| (*offset, 1)).collect(), longest);
+    write(turn, set.device, &stretches, &cells, Leave::Whenever).await
+}
+
 /// Writes these cells, those of one stretch in one request. The first leaves as `leave` says; what belongs to it follows,
 /// however late. What failed, and what that says of all of them: after the first, some have arrived.
 pub(super) async fn write(

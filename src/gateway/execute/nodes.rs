@@ -50,6 +50,24 @@ pub(super) async fn write(
     sent.map(|_| ()).map_err(|fault| (fault, fault.outcome()))
 }
 
+/// Writes heartbeat and control word alone.
+pub(super) async fn write_own(
+    turn: &mut LineTurn<'_>,
+    set: &OutputSet,
+    own: Own,
+) -> Result<(), (Fault, Outcome)> {
+    let words = set.own_nodes().filter_map(|(word, node)| match word {
+        OwnWord::Heartbeat => Some((node.clone(), node.word(own.heartbeat))),
+        OwnWord::Control => Some((node.clone(), node.word(own.control))),
+        OwnWord::Version(_) => None,
+    });
+    let (nodes, words): (Vec<_>, Vec<Encoded>) = words.unzip();
+    let values: Vec<u16> = words.iter().flat_map(Encoded::registers).copied().collect();
+    let request = Request::Nodes(NodeRequest::Write { nodes: &nodes, values: &values });
+    let sent = turn.line.request(set.device, request, Leave::Whenever).await;
+    sent.map(|_| ()).map_err(|fault| (fault, fault.outcome()))
+}
+
 /// The lowest 16 bits of a whole number.
 fn low(found: Encoded) -> u16 {
     found.registers().last().copied().unwrap_or_default()

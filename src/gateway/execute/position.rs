@@ -10,9 +10,8 @@ use std::time::Duration;
 use super::LineTurn;
 use super::cells::{self, Cells};
 use super::interlock::Interlock;
-use super::order::Order;
+use super::demand::{Decision, OutputDemand};
 use super::report;
-use super::trouble::Trouble;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::explain::explain_on;
@@ -24,7 +23,7 @@ use crate::gateway::units::{cz_factor, registers_in_text};
 use crate::observe::events::Event;
 use isotherm_core::codec::{ControlView, Encoded};
 use isotherm_core::compensation::AxisState;
-use isotherm_core::output::next_inside;
+use isotherm_core::output::{Condition, Trouble, next_inside};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Arm, Output, OutputId, Profile, Shown, Stretch};
@@ -71,21 +70,21 @@ impl Position {
         let (shared, now) = (turn.shared, turn.now);
         let output = shared.profile.output(self.id);
         let has_dashes = output.display.stale.is_some();
-        let (taken, order) = {
+        let (taken, demand) = {
             let core = shared.core();
             let taken = core.board.taken(self.position);
             if taken == self.corrected && !has_dashes {
                 return;
             }
-            (taken, Order::of(shared, &core, self.id, now))
+            (taken, OutputDemand::of(shared, &core, self.id, now))
         };
-        if has_dashes && (order.off || order.position.is_none()) {
+        if has_dashes && (demand.decision == Decision::Off || demand.position.is_none()) {
             self.show_nothing(turn, output).await;
         }
         if taken == self.corrected {
             return;
         }
-        if order.off || shared.dry_run {
+        if demand.decision == Decision::Off || shared.dry_run {
             (self.inside, self.sent) = (None, None);
             self.corrected = taken;
             return;
@@ -94,18 +93,18 @@ impl Position {
             return;
         }
         self.corrected = taken;
-        let Some(position) = order.position else { return };
-        self.interlock.hear(shared, self.id, true, order.allowed);
-        match order.allowed {
-            Some(true) => self.correct(turn, output, position, &order).await,
-            Some(false) => shared.core().outputs[self.id.0].standing = Standing::Interlocked,
-            None => shared.core().outputs[self.id.0].doubt(),
+        let Some(position) = demand.position else { return };
+        self.interlock.hear(shared, self.id, demand.interlock);
+        match demand.interlock {
+            Condition::Met => self.correct(turn, output, position, &demand).await,
+            Condition::NotMet => shared.core().outputs[self.id.0].standing = Standing::Interlocked,
+            Condition::Unknown => shared.core().outputs[self.id.0].doubt(),
         }
     }
 
-    async fn correct(&mut self, turn: &mut LineTurn<'_>, output: &Output, position: f64, order: &Order) {
+    async fn correct(&mut self, turn: &mut LineTurn<'_>, output: &Output, position: f64, demand: &OutputDemand) {
         let shared = turn.shared;
-        let cz = self.share(shared, output, order);
+        let cz = self.share(shared, output, demand);
         let factor = cz_factor(&shared.profile, output);
         let target = self.encode(shared, output, position + cz.get() * factor / 1000.0);
         if let Some(control) = &self.control
@@ -114,7 +113,7 @@ impl Position {
             return report::not_sent(shared, self.id, why);
         }
         let asked = turn.line.looked();
-        match write(turn, output, &target, order.not_after).await {
+        match write(turn, output, &target, demand.not_after).await {
             Ok(found) if found.is_none_or(|found| found.registers() == target.registers()) => {}
             Ok(found) => {
                 self.sent = Some(cz);
@@ -128,7 +127,7 @@ impl Position {
             }
         }
         (self.sent, self.dashes_at) = (None, None);
-        self.inside = Some((cz, order.decided));
+        self.inside = Some((cz, demand.decided));
         let mut core = shared.core();
         let state = &mut core.outputs[self.id.0];
         let failures = std::mem::take(&mut state.failures);
@@ -145,13 +144,13 @@ impl Position {
 
     /// Cz as it goes into a position: one step nearer to the axis's at each of its decisions. The axis's own may jump,
     /// where it takes over what a restarted CNC holds.
-    fn share(&self, shared: &LineHandle, output: &Output, order: &Order) -> Micron {
+    fn share(&self, shared: &LineHandle, output: &Output, demand: &OutputDemand) -> Micron {
         if let Some(sent) = self.sent {
             return sent;
         }
-        let Some((last, decided)) = self.inside else { return order.cz };
+        let Some((last, decided)) = self.inside else { return demand.cz };
         let step = shared.profile.axis(output.axis).settings.guard.step;
-        if decided == order.decided { last } else { next_inside(last, order.cz, order.target, step) }
+        if decided == demand.decided { last } else { next_inside(last, demand.cz, demand.target, step) }
     }
 
     fn encode(&mut self, shared: &LineHandle, output: &Output, value: f64) -> Encoded {

@@ -1,13 +1,13 @@
 //! What people, the axes and the page learn of an output's register.
 
-use super::order::Order;
+use super::demand::OutputDemand;
 use super::register::Register;
 use crate::clock::Clock;
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::{OutputState, Standing};
 use crate::observe::events::Event;
 use isotherm_core::codec::Inadmissible;
-use isotherm_core::output::{self, Account, State};
+use isotherm_core::output::{self, Account, OutputHealth, State};
 use isotherm_core::quantity::{Counts, Micron};
 use isotherm_profile::{Output, OutputId};
 
@@ -19,9 +19,10 @@ pub(super) fn event(
     clock: &Clock,
 ) -> Option<Event> {
     let is_in_a_node = output.address.node().is_some();
+    let when = output.when.as_ref().map_or(String::new(), |when| when.text.clone());
     let output = output.name.clone();
     let in_text = |counts| register.units.in_text(counts);
-    let shown = register.state.shown(&register.settings);
+    let shown = register.state().shown(&register.settings);
     Some(match event {
         output::Event::OwnWriteArrivedLate { value, sent } => {
             Event::OwnWriteLate { output, value: in_text(value), sent: clock.stamp(sent).to_string() }
@@ -46,12 +47,25 @@ pub(super) fn event(
             let share = share_in_text(register, shown.account.unwrap_or_default().share);
             Event::OperatorChange { output, from: in_text(from), to: in_text(to), share }
         }
-        // Where the request failed, and where the disk did, that was reported; what a person has to say is asked at the end
-        // of the turn.
+        output::Event::Saturated { value } => Event::Saturated { output, wanted: register.units.value(value) },
+        output::Event::Interlocked => Event::Interlocked { output, when },
+        output::Event::Released => Event::Released { output },
+        output::Event::Opened { account } => {
+            let share = share_in_text(register, account.share);
+            Event::LedgerOpened { output, base: in_text(account.base), share }
+        }
+        // A request that failed, a disk that failed, and a question to the operator are reported elsewhere. The rest is counted.
         output::Event::WriteRefused { .. }
         | output::Event::DiskDoesNotKeep
         | output::Event::Doubted { .. }
-        | output::Event::FirstAccount { .. } => return None,
+        | output::Event::FirstAccount { .. }
+        | output::Event::Late { .. }
+        | output::Event::TakeOver { .. }
+        | output::Event::Written
+        | output::Event::StillUntaken
+        | output::Event::Recovered { .. }
+        | output::Event::NotApplied
+        | output::Event::Question => return None,
     })
 }
 
@@ -81,19 +95,28 @@ pub(super) fn not_sent(shared: &LineHandle, id: OutputId, why: Inadmissible) {
     shared.core().disarm(output.axis, &why);
 }
 
-/// Reports operator offset and gateway share of a register.
-pub(super) fn opened(register: &Register, output: &str, account: Account) -> Event {
-    let share = share_in_text(register, account.share);
-    Event::LedgerOpened { output: output.to_owned(), base: register.units.in_text(account.base), share }
+/// Reports that the control does not apply the register value in its time.
+pub(super) fn not_applied(register: &Register, shared: &LineHandle, output: &Output) {
+    let unit = output.writes.unit();
+    let text = |value: f64| format!("{value:.1} {unit}");
+    let address = output.applied.as_ref().map(|applied| applied.address);
+    let found = shared.core().outputs[register.id.0].applied;
+    shared.report(&Event::NotApplied {
+        output: output.name.clone(),
+        stands: text(register.units.value(register.held())),
+        applies: found.map_or("no number".to_owned(), |(found, _)| text(found)),
+        register: address.map_or(String::new(), |address| address.to_string()),
+    });
 }
 
-/// What a person is asked: what of that is whose.
-pub(super) fn question(register: &Register, output: &str, stands: Counts, account: Option<Account>) -> Event {
-    let (output, holds) = (output.to_owned(), register.units.in_text(stands));
+/// Question to the operator: how the register value divides into operator offset and gateway share.
+pub(super) fn question(register: &Register, output: &str) -> Event {
+    let (output, holds) = (output.to_owned(), register.units.in_text(register.held()));
+    let account = register.state().shown(&register.settings).account;
     let Some(Account { base, share, doubt: Some(doubt) }) = account else {
         return Event::FirstAccount { output, holds };
     };
-    let sent = register.state.copies().under_way().map(|sent| sent.value - base);
+    let sent = register.state().copies().under_way().map(|sent| sent.value - base);
     let others = sent.filter(|other| *other != share);
     let others: Vec<_> = others.map(|other| share_in_text(register, other)).collect();
     let perhaps = match others.is_empty() {
@@ -117,9 +140,10 @@ pub(super) fn has_unanswered(state: &State) -> bool {
     state.copies().under_way().any(|sent| sent.answered.is_none())
 }
 
-/// What the axes and the page see of it. The Cz that it holds, once that is known.
-pub(super) fn show(register: &Register, order: &Order, seen: &mut OutputState) -> Option<Micron> {
-    let Register { units, settings, state, interlock, .. } = register;
+/// Shows a register to the axes and the page. Returns the Cz that it holds, once that is known.
+pub(super) fn show(register: &Register, demand: &OutputDemand, seen: &mut OutputState) -> Option<Micron> {
+    let Register { units, settings, controller, .. } = register;
+    let state = controller.state();
     let shown = state.shown(settings);
     let waits = has_unanswered(state) || shown.waits_until.is_some();
     seen.waits_until = state.waits_until(settings).filter(|_| waits);
@@ -133,12 +157,11 @@ pub(super) fn show(register: &Register, order: &Order, seen: &mut OutputState) -
     seen.shares = account.map(|account| (units.value(account.base), units.value(share)));
     seen.value = Some(units.value(verified.value));
     seen.verified_at = Some(verified.asked);
-    seen.standing = match (shown.standing, order.allowed) {
-        (output::Standing::Barred, _) => Standing::Foreign,
-        (_, Some(false)) if interlock.is_held => Standing::Interlocked,
-        (_, None) if interlock.is_held => Standing::Unverified,
-        _ if register.troubles.now.is_some() => Standing::Unverified,
-        _ => Standing::Verified,
+    seen.standing = match controller.health(settings, demand.interlock)? {
+        OutputHealth::Verified => Standing::Verified,
+        OutputHealth::Unverified => Standing::Unverified,
+        OutputHealth::Interlocked => Standing::Interlocked,
+        OutputHealth::Foreign => Standing::Foreign,
     };
     Some(cz)
 }

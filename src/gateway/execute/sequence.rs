@@ -21,6 +21,11 @@ pub(super) struct Sequence {
 }
 
 impl Sequence {
+    /// The newest number that the register has held.
+    pub(super) fn newest(&self) -> Option<u16> {
+        self.newest.as_ref().map(|(newest, _)| *newest)
+    }
+
     pub(super) fn next(&self) -> u16 {
         next(self.newest.as_ref().map_or(0, |(newest, _)| *newest))
     }

@@ -11,17 +11,17 @@ use crate::gateway::output::Wait;
 use crate::gateway::storage::Steady;
 use isotherm_core::codec::Encoded;
 use isotherm_core::compensation::AxisState;
-use isotherm_core::output::{Action, Fact};
+use isotherm_core::output::{Action, Attempt, Fact, Follow, Input, SetCommit};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Control, Profile, SetId};
 
-use super::order::Order;
+use super::demand::OutputDemand;
+use super::failures::Access;
 use super::register::Register;
 use super::strobe::{Stands, Strobe, Waited};
 use super::taking::Taking;
 use super::together::{self, Found, Own};
-use super::trouble::Access;
-use super::{LineTurn, RETRY, applied};
+use super::{LineTurn, RETRY};
 
 /// Owns the outputs of one set, and its strobe.
 #[derive(Debug)]
@@ -61,10 +61,12 @@ impl Set {
         let is_second = outputs.iter().any(|id| shared.core().registers[id.0].is_some());
         let mut registers: Vec<_> =
             outputs.iter().map(|id| Register::new(shared, *id, now).in_a_set()).collect();
-        let was_in_order = !is_second && registers.iter().all(|one| one.state.is_settled());
+        let was_in_order = !is_second && registers.iter().all(|one| one.state().is_settled());
+        let (taking, commit) = Taking::new(&shared.profile, id, was_in_order);
+        registers.iter_mut().for_each(|one| one.commits(shared, commit, now));
         Set {
             id,
-            taking: Taking::new(&shared.profile, id, was_in_order, &mut registers),
+            taking,
             registers,
             strobe: Strobe::new(shared, id, stands),
             restarts: 0,
@@ -83,36 +85,36 @@ impl Set {
 
     /// The turn of one of its members came too late for what was decided.
     pub(in crate::gateway) fn is_late(&self) -> bool {
-        self.registers.iter().any(|register| register.is_late)
+        self.registers.iter().any(|register| register.controller.follow() == Follow::Late)
     }
 
     fn is_bound(&self) -> bool {
-        self.registers.iter().any(|register| register.is_bound)
+        self.registers.iter().any(|register| register.controller.is_bound())
     }
 
     /// Goes on with an exchange, or begins one where there is something to do. Never waits for the control.
     pub(in crate::gateway) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
         let shared = turn.shared;
-        let orders: Vec<Order> = {
+        let demands: Vec<OutputDemand> = {
             let core = shared.core();
-            self.registers.iter().map(|one| Order::of(shared, &core, one.id, turn.now)).collect()
+            self.registers.iter().map(|one| OutputDemand::of(shared, &core, one.id, turn.now)).collect()
         };
         if shared.core().leaving {
             self.strobe.leaves();
         }
         if self.go_on(turn).await == Went::Well {
-            self.begin(turn, &orders).await;
+            self.begin(turn, &demands).await;
         }
         let is_waiting = self.strobe.waits.is_some();
         let mut looks_again = Moment::END;
         for register in self.registers.iter_mut().filter(|_| !is_waiting) {
-            looks_again = looks_again.min(applied::look(register, turn).await);
+            looks_again = looks_again.min(register.read_applied(turn).await);
         }
-        for (register, order) in self.registers.iter_mut().zip(&orders) {
+        for (register, demand) in self.registers.iter_mut().zip(&demands) {
             if is_waiting {
-                register.publish(shared, order);
+                register.publish(shared, demand, None);
             } else {
-                register.ends_turn(turn, order);
+                register.ends_turn(turn, demand);
             }
         }
         self.strobe.is_untaken = self.is_bound();
@@ -125,9 +127,18 @@ impl Set {
         while let Some((wait, ..)) = self.strobe.waits {
             match (self.strobe.wait(turn).await, wait) {
                 (Waited::Still, _) => return Went::NoFurther,
-                (Waited::Failed, _) => return self.doubt(turn.shared),
+                (Waited::Missing, Wait::Acknowledge) => {
+                    self.taking.attempt(Attempt::Refused);
+                    return self.doubt(turn.shared);
+                }
+                (Waited::Failed, Wait::Acknowledge) => {
+                    self.taking.attempt(Attempt::Unknown);
+                    return self.doubt(turn.shared);
+                }
+                (Waited::Failed | Waited::Missing, _) => return self.doubt(turn.shared),
                 (Waited::Over, Wait::Clear) => {}
                 (Waited::Over, Wait::Acknowledge) => {
+                    self.taking.attempt(Attempt::Acknowledged);
                     if !self.strobe.lower(turn).await {
                         return self.doubt(turn.shared);
                     }
@@ -150,27 +161,27 @@ impl Set {
         Went::Well
     }
 
-    async fn begin(&mut self, turn: &mut LineTurn<'_>, orders: &[Order]) {
+    async fn begin(&mut self, turn: &mut LineTurn<'_>, demands: &[OutputDemand]) {
         let (shared, now) = (turn.shared, turn.now);
-        let restarts = orders.iter().map(|order| order.restarts).max().unwrap_or_default();
+        let restarts = demands.iter().map(|demand| demand.restarts).max().unwrap_or_default();
         if std::mem::replace(&mut self.restarts, restarts) != restarts {
-            self.taking.sequence.forget();
+            self.taking.forget_number();
         }
-        for (register, order) in self.registers.iter_mut().zip(orders) {
-            register.hear(shared, order, now);
+        for (register, demand) in self.registers.iter_mut().zip(demands) {
+            register.begins_turn(shared, demand, now);
         }
         self.keep(turn).await;
         // What is to be written now was asked for after a read of another turn.
         self.give_up_writing(turn);
         let registers = &self.registers;
-        let can_hold = |place: usize, value| registers[place].can_hold_again(value, &orders[place], now);
+        let can_hold = |place: usize, value| registers[place].can_hold_again(value, &demands[place], now);
         let again = self.taking.wanted_again(registers, can_hold).into_iter().flatten();
-        for ((register, order), value) in self.registers.iter_mut().zip(orders).zip(again) {
-            register.wants_again(shared, value, order, now);
+        for ((register, demand), value) in self.registers.iter_mut().zip(demands).zip(again) {
+            register.demand_again(shared, value, demand, now);
         }
         let sends = self.sends_anyway(shared, now);
         let changes = self.registers.iter().any(|register| register.may_write(now));
-        let reads = self.registers.iter().any(|register| register.action == Action::Read);
+        let reads = self.registers.iter().any(|register| register.action() == Action::Read);
         if (sends || changes) && self.is_clear(turn).await == Went::NoFurther {
             return;
         }
@@ -191,7 +202,7 @@ impl Set {
             // Whether the acknowledge is down was not asked: the next turn does.
             return;
         }
-        if self.send(turn, orders, &found).await == Went::NoFurther {
+        if self.send(turn, &found).await == Went::NoFurther {
             return;
         }
         let Some(stands) = self.read(turn).await else { return };
@@ -216,30 +227,30 @@ impl Set {
         }
         let set = shared.profile.set(self.id);
         let has_own_registers = (set.heartbeat.is_some() || set.control.is_some()) && shared.may_beat();
-        let is_driven = self.registers.iter().any(Register::is_driven);
+        let is_driven = self.registers.iter().any(|one| one.controller.is_driven());
         let is_due = self.refreshes(&shared.profile).is_some_and(|refresh| now >= refresh);
         let has_news = set.control.is_some() && self.sent_control != Some(self.control(shared));
         let is_untaken =
-            self.is_bound() && (has_own_registers || self.registers.iter().all(|one| one.state.is_settled()));
+            self.is_bound() && (has_own_registers || self.registers.iter().all(|one| one.state().is_settled()));
         (has_own_registers && (is_due || has_news)) || (is_driven && (is_due || is_untaken))
     }
 
     /// What lands together moves together: where a late write forbids one of them its next step, all wait.
     fn wait_for_each_other(&mut self, turn: &LineTurn<'_>) {
-        let waits = |register: &Register| register.heard.is_armed && register.is_waiting_for_late();
+        let waits = |register: &Register| register.controller.is_armed() && register.is_waiting_for_late();
         if !self.registers.iter().any(waits) {
             return;
         }
         for register in &mut self.registers {
-            if let Action::Write { is_repeat: false, .. } = register.action {
-                register.comes_of(turn, Fact::NotSent);
+            if let Action::Write { is_repeat: false, .. } = register.action() {
+                register.result(turn, Input::Fact(Fact::NotSent));
             }
         }
     }
 
     fn give_up_writing(&mut self, turn: &LineTurn<'_>) {
         for register in self.registers.iter_mut().filter(|register| register.is_writing()) {
-            register.comes_of(turn, Fact::NotSent);
+            register.result(turn, Input::Fact(Fact::NotSent));
         }
     }
 
@@ -263,7 +274,7 @@ impl Set {
         match if is_down { self.strobe.wait(turn).await } else { Waited::Failed } {
             Waited::Over => Went::Well,
             Waited::Still => Went::NoFurther,
-            Waited::Failed => self.doubt(turn.shared),
+            Waited::Failed | Waited::Missing => self.doubt(turn.shared),
         }
     }
 
@@ -275,9 +286,9 @@ impl Set {
         let Found { mut values, sequence, heartbeat, asked } = match together::read(turn, set).await {
             Ok(found) => found,
             Err(fault) => {
-                for register in self.registers.iter_mut().filter(|one| one.action == Action::Read) {
+                for register in self.registers.iter_mut().filter(|one| one.action() == Action::Read) {
                     register.fail(turn.shared, fault, Access::Read);
-                    register.comes_of(turn, Fact::NoAnswer);
+                    register.result(turn, Input::Fact(Fact::NoAnswer));
                 }
                 return None;
             }
@@ -286,44 +297,49 @@ impl Set {
         for (register, found) in self.registers.iter_mut().zip(&values) {
             if register.may_hear_a_read() {
                 let found = register.units.found(found.registers());
-                register.comes_of(turn, Fact::Read { found, asked });
+                register.result(turn, Input::Fact(Fact::Read { found, asked }));
             }
         }
         self.beat = heartbeat.unwrap_or(self.beat);
-        self.taking.stands(sequence, &values, &mut self.registers, turn.line.looked());
+        let now = turn.line.looked();
+        let stands = self.taking.stands(sequence, &values, &self.registers, now);
+        for register in &mut self.registers {
+            let is_bound = register.controller.is_bound();
+            register.commits(turn.shared, stands.commit(is_bound), now);
+        }
         Some(values)
     }
 
     /// Writes the values, and where all of them have arrived, the sequence. Whether all of it was answered as done.
-    async fn send(&mut self, turn: &mut LineTurn<'_>, orders: &[Order], found: &[Encoded]) -> Went {
+    async fn send(&mut self, turn: &mut LineTurn<'_>, found: &[Encoded]) -> Went {
         let (shared, now) = (turn.shared, turn.line.looked());
         let Some((values, not_after)) = self.values(turn, found).await else {
-            self.tries_from = now.after(RETRY);
             self.give_up_writing(turn);
+            self.send_own_alone(turn).await;
+            self.tries_from = now.after(RETRY).min(self.refreshes(&shared.profile).unwrap_or(Moment::END)).max(now);
             return Went::NoFurther;
         };
         let set = shared.profile.set(self.id);
-        let sequence = set.sequence.map(|_| self.taking.sequence.next());
-        let heartbeat = if shared.head_lives(now) { together::next_beat(self.beat) } else { self.beat };
-        let control = self.control(shared);
-        let own = Own { sequence, heartbeat, control };
+        let own = self.own(shared, now);
+        let Own { heartbeat, control, .. } = own;
         let sent = together::write(turn, set, &values, own, Leave::Here(not_after)).await;
         let fault = sent.err();
         let left = turn.line.looked();
         let may_have_arrived = fault.is_none_or(|(_, outcome)| outcome != Outcome::NotDone);
-        for ((register, order), value) in self.registers.iter_mut().zip(orders).zip(&values) {
+        for (register, value) in self.registers.iter_mut().zip(&values) {
             if !register.is_writing() {
                 if may_have_arrived {
                     let value = register.units.found(value.registers());
-                    register.step(shared, Fact::WentAlong { value, left, is_done: fault.is_none() }, left);
+                    let fact = Fact::WentAlong { value, left, is_done: fault.is_none() };
+                    register.step(shared, Input::Fact(fact), left);
                 }
                 continue;
             }
-            let fact = match fault {
-                None => Fact::Done { left },
-                Some(fault) => register.failed(shared, order, fault, left),
+            let result = match fault {
+                None => Input::Fact(Fact::Done { left }),
+                Some(fault) => register.failed(shared, fault, left),
             };
-            register.comes_of(turn, fact);
+            register.result(turn, result);
         }
         if may_have_arrived {
             (self.beat, self.written_at) = (heartbeat, left);
@@ -335,10 +351,39 @@ impl Set {
         self.log_own_registers(shared, fault.map(|(fault, _)| fault), left);
         if fault.is_some() {
             self.tries_from = left.after(RETRY);
-            self.taking.is_not_done(&mut self.registers);
+            if !self.taking.is_at_once() {
+                self.registers.iter_mut().for_each(|one| one.commits(shared, SetCommit::Open, left));
+            }
             return Went::NoFurther;
         }
         Went::Well
+    }
+
+    /// The words of the set that are no value of an output.
+    fn own(&self, shared: &LineHandle, now: Moment) -> Own {
+        let sequence = shared.profile.set(self.id).sequence.map(|_| self.taking.next_number());
+        let heartbeat = if shared.head_lives(now) { together::next_beat(self.beat) } else { self.beat };
+        Own { sequence, heartbeat, control: self.control(shared) }
+    }
+
+    /// While a late write forbids the members, heartbeat and control word continue without them. Not in a set whose control takes
+    /// all of it or nothing: there they wait, too.
+    async fn send_own_alone(&mut self, turn: &mut LineTurn<'_>) {
+        let (shared, now) = (turn.shared, turn.line.looked());
+        let set = shared.profile.set(self.id);
+        let is_due = self.refreshes(&shared.profile).is_some_and(|refresh| now >= refresh)
+            || (set.control.is_some() && self.sent_control != Some(self.control(shared)));
+        if !set.has_own_words_apart() || !shared.may_beat() || !is_due {
+            return;
+        }
+        let own = self.own(shared, now);
+        let fault = together::write_own(turn, set, own).await.err();
+        let left = turn.line.looked();
+        if fault.is_none_or(|(_, outcome)| outcome != Outcome::NotDone) {
+            (self.beat, self.written_at) = (own.heartbeat, left);
+            self.sent_control = fault.is_none().then_some(own.control);
+        }
+        self.log_own_registers(shared, fault.map(|(fault, _)| fault), left);
     }
 
     /// A heartbeat and a control word are only counted.
@@ -361,24 +406,23 @@ impl Set {
         let mut values = Vec::new();
         let mut last = Moment::END;
         for (register, &stands) in self.registers.iter_mut().zip(found) {
-            if register.interlock.is_held && !register.is_writing() {
+            if register.state().is_interlocked() && !register.is_writing() {
                 // Behind an interlock it stays as it is, whatever that is.
                 values.push(stands);
                 continue;
             }
             if !register.is_writing() {
-                register.step(shared, Fact::GoesAlong, now);
-                if register.action == Action::Keep {
-                    let fact = register.keep(turn).await?;
-                    register.comes_of(turn, fact);
-                    register.step(shared, Fact::GoesAlong, now);
+                register.step(shared, Input::Fact(Fact::GoesAlong), now);
+                if register.action() == Action::Keep {
+                    let result = register.keep(turn).await?;
+                    register.result(turn, result);
+                    register.step(shared, Input::Fact(Fact::GoesAlong), now);
                 }
             }
-            let is_as_known = register.units.found(stands.registers()) == register.stands();
-            values.push(match register.action {
+            let is_as_known = register.units.found(stands.registers()) == register.held();
+            values.push(match register.action() {
                 Action::Write { value, not_after, is_repeat: false } => {
                     last = last.min(not_after);
-                    register.is_to_be_changed = false;
                     Encoded::of(register.admitted(shared, value)?.registers())
                 }
                 Action::Write { .. } if is_as_known => stands,
@@ -393,20 +437,20 @@ impl Set {
     fn is_taken(&mut self, shared: &LineHandle) {
         self.strobe.succeeded(shared);
         if self.taking.is_taken() {
+            let now = shared.clock.now();
             for register in &mut self.registers {
-                register.is_bound = false;
-                register.recover(shared);
+                register.step(shared, Input::Set(SetCommit::Taken), now);
             }
         }
     }
 
     /// The control has not taken what was sent, or nobody knows.
     fn doubt(&mut self, shared: &LineHandle) -> Went {
-        self.tries_from = shared.clock.now().after(RETRY);
+        let now = shared.clock.now();
+        self.tries_from = now.after(RETRY);
         self.taking.doubt();
-        for register in &mut self.registers {
-            register.is_bound |= register.is_driven();
-            register.is_not_taken(shared);
+        for register in self.registers.iter_mut().filter(|one| one.controller.is_driven()) {
+            register.step(shared, Input::Set(SetCommit::Failed), now);
         }
         Went::NoFurther
     }
@@ -433,16 +477,16 @@ impl Set {
 
     async fn keep(&mut self, turn: &mut LineTurn<'_>) {
         for register in &mut self.registers {
-            if register.action == Action::Keep
-                && let Some(fact) = register.keep(turn).await
+            if register.action() == Action::Keep
+                && let Some(result) = register.keep(turn).await
             {
-                register.comes_of(turn, fact);
+                register.result(turn, result);
             }
         }
     }
 
     fn next_turn(&self, profile: &Profile, now: Moment) -> Moment {
-        let wants = self.registers.iter().map(|register| match register.action {
+        let wants = self.registers.iter().map(|register| match register.action() {
             Action::Nothing { until } => until,
             _ => now,
         });

@@ -64,6 +64,8 @@ pub(super) enum Waited {
     Over,
     /// It failed, which has been reported.
     Failed,
+    /// The control answered each time, and what was waited for did not come. That has been reported.
+    Missing,
 }
 
 impl Strobe {
@@ -164,7 +166,7 @@ impl Strobe {
             Wait::Release => HandshakeFault::AcknowledgeStuck,
         };
         self.failed(turn, fault, format!("within {} ms", handshake.timeout.as_millis())).await;
-        Waited::Failed
+        Waited::Missing
     }
 
     /// First of all the strobe goes down; then it is reported.

@@ -54,6 +54,18 @@ pub(super) async fn write(
     }
 }
 
+/// Writes heartbeat and control word alone.
+pub(super) async fn write_own(
+    turn: &mut LineTurn<'_>,
+    set: &OutputSet,
+    own: Own,
+) -> Result<(), (Fault, Outcome)> {
+    match set.is_in_nodes(&turn.shared.profile) {
+        true => nodes::write_own(turn, set, own).await,
+        false => cells::write_own(turn, set, own).await,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,28 +1,31 @@
-//! The log of what stands between decisions and registers: CSV, one row per fact that an output took, from which
-//! [`OutputReplay`] gives the same actions again.
+//! The log of the outputs: CSV, one row for each input of a controller, from which [`OutputReplay`] gives the same actions again.
 //!
 //! ```text
 //! time, output, fact, value, moment, action, action_value, action_until, detail
 //! ```
 //!
-//! - `time`: when the output took the fact; RFC 3339 in UTC with every nanosecond, like every moment here.
+//! - `time`: when the controller took the input; RFC 3339 in UTC with every nanosecond, like every moment here.
 //! - `output`: its name in the profile.
-//! - `fact`: what had happened ([`Fact`]), with `value` and `moment` as far as it has them. Values are counts of the
+//! - `fact`: the input ([`Input`]), with `value` and `moment` as far as it has them. Values are counts of the
 //!   register. A moment that is empty never comes.
 //! - `action`: what was to be done next ([`Action`]): nothing, until `action_until`; read; keep; write `action_value`,
 //!   whose first byte may leave until `action_until`; repeat, the same of what stands there already.
 //!
 //! | fact | value | moment |
 //! |---|---|---|
-//! | `look`, `goes-along`, `no-answer`, `refused`, `not-sent`, `kept`, `not-kept`, `restarted`, `interlocked`, `released`, `armed-by-person`, `armed-by-policy`, `off`, `paused` | | |
-//! | `decided`; in `detail` the target that the offset is on its way to (JSON), if it is known | the offset | a change may be sent until then |
-//! | `read` | what stands there | when that was asked |
+//! | `demand`; `detail` (JSON) has who armed the axis, the interlock if it is not met, the decision (target, when, what the axis does), restarts and pauses | the offset, if there is a decision | a change may be sent until then |
+//! | `look`, `goes-along`, `no-answer`, `refused`, `not-sent`, `kept`, `not-kept`, `restarted`, `interlocked`, `released`, `armed-by-person`, `armed-by-policy`, `off`, `paused`, `lapsed` | | |
+//! | `on-disk`, `turn-ends`; `too-late`, `unreachable`, `rejected`, `backs-off`: why a write was not sent; `set-taken`, `set-open`, `set-failed`: what the control made of the set | | |
+//! | `decided`; in `detail` the target of the offset (JSON), if it is known | the offset | a change may be sent until then |
+//! | `read` | the register value | when that was asked |
 //! | `done`, `unknown` | | when the write had left |
 //! | `went-along`, `went-along-unknown` | what went along | when it had left |
+//! | `applied` | what the control applies, in thousandths of a count; empty if it is no number | when that was asked |
+//! | `applied-no-answer` | | when that was asked |
 //!
-//! `begin` is no fact: from here on the output goes on from `detail`, its settings and its state (JSON). It is the first
+//! `begin` is no input: from here on the controller continues from `detail`, its settings and its state (JSON). It is the first
 //! row of each output in a file and in a run, and the first after rows that a disk did not take: so each file is replayed
-//! by itself. A fact that changed nothing and asked for nothing is left out.
+//! by itself. An input that changed nothing and asked for nothing is left out.
 //!
 //! Positions, heartbeats and control words are written again and again, whatever came of the last time. Of these there are
 //! the rows `cz` (in `value`, µm, where it has changed), `fault` (in `detail`, once until a write is answered),
@@ -32,8 +35,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use isotherm_core::output::{Action, Fact, Settings, State, Who};
-use isotherm_core::quantity::{Counts, Moment};
+use isotherm_core::output::{
+    Action, Condition, Demand, Demanded, Fact, Input, Mode, NotSent, Policy, SetCommit, Settings, State, Who,
+};
+use isotherm_core::quantity::{Counts, Moment, Shift, Shifted};
 
 mod reader;
 mod recorder;
@@ -64,11 +69,22 @@ pub(crate) const SEALED: &str = "sealed";
 pub struct Beginning {
     /// What it is.
     pub settings: Settings,
-    /// What is known of it.
+    /// State of its register.
     pub state: State,
+    /// What its controller knows beside that.
+    #[serde(default)]
+    pub policy: Policy,
 }
 
-/// The detail of a decision.
+/// Detail of a row: what its input has beside a value and a moment.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+enum Detail {
+    Demand(DemandDetail),
+    Decided(Towards),
+}
+
+/// Detail of a decision.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Towards {
@@ -76,72 +92,133 @@ struct Towards {
     target: Counts,
 }
 
-impl Towards {
-    fn of(fact: Fact) -> Option<Towards> {
-        match fact {
-            Fact::Decided { target, .. } => target.map(|target| Towards { target }),
+/// Detail of a demand.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct DemandDetail {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    armed: Option<Who>,
+    /// `None` if it is met.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    interlock: Option<Condition>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    target: Option<Counts>,
+    /// When the axis decided.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    at: Option<Moment>,
+    /// `None` if the axis follows its model.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mode: Option<Mode>,
+    #[serde(skip_serializing_if = "is_zero")]
+    restarts: u64,
+    #[serde(skip_serializing_if = "is_zero")]
+    pauses: u64,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
+fn is_zero(count: &u64) -> bool {
+    *count == 0
+}
+
+impl Detail {
+    /// Detail of an input, with its moments as the file has them.
+    fn of(input: Input, shift: Shift) -> Option<Detail> {
+        match input {
+            Input::Fact(Fact::Decided { target, .. }) => target.map(|target| Detail::Decided(Towards { target })),
+            Input::Demand(Demand { armed, interlock, decision, restarts, pauses }) => {
+                Some(Detail::Demand(DemandDetail {
+                    armed,
+                    interlock: (interlock != Condition::Met).then_some(interlock),
+                    target: decision.and_then(|decision| decision.target),
+                    at: decision.map(|decision| decision.at.shifted(shift)),
+                    mode: decision.map(|decision| decision.mode).filter(|mode| *mode != Mode::Follow),
+                    restarts,
+                    pauses,
+                }))
+            }
             _ => None,
         }
+    }
+}
+
+impl DemandDetail {
+    /// The demand of a row. `None` if a decision lacks its offset.
+    fn demand(self, offset: Option<Counts>, not_after: Moment) -> Option<Demand> {
+        let DemandDetail { armed, interlock, target, at, mode, restarts, pauses } = self;
+        let decision = match at {
+            Some(at) => Some(Demanded { offset: offset?, target, at, not_after, mode: mode.unwrap_or_default() }),
+            None => None,
+        };
+        Some(Demand { armed, interlock: interlock.unwrap_or(Condition::Met), decision, restarts, pauses })
     }
 }
 
 /// How a fact or an action stands in a row: its name, its value and its moment, which may never come.
 type Cells = (&'static str, Option<Counts>, Moment);
 
-/// The facts that are no more than their name.
-const PLAIN: [Fact; 14] = [
-    Fact::Look,
-    Fact::GoesAlong,
-    Fact::NoAnswer,
-    Fact::Refused,
-    Fact::NotSent,
-    Fact::Kept,
-    Fact::NotKept,
-    Fact::Restarted,
-    Fact::Interlocked,
-    Fact::Released,
-    Fact::Armed { by: Who::Person },
-    Fact::Armed { by: Who::Policy },
-    Fact::Off,
-    Fact::Paused,
+/// Inputs that are no more than their name.
+const PLAIN: [(&str, Input); 24] = [
+    ("look", Input::Fact(Fact::Look)),
+    ("goes-along", Input::Fact(Fact::GoesAlong)),
+    ("no-answer", Input::Fact(Fact::NoAnswer)),
+    ("refused", Input::Fact(Fact::Refused)),
+    ("not-sent", Input::Fact(Fact::NotSent)),
+    ("kept", Input::Fact(Fact::Kept)),
+    ("not-kept", Input::Fact(Fact::NotKept)),
+    ("restarted", Input::Fact(Fact::Restarted)),
+    ("interlocked", Input::Fact(Fact::Interlocked)),
+    ("released", Input::Fact(Fact::Released)),
+    ("armed-by-person", Input::Fact(Fact::Armed { by: Who::Person })),
+    ("armed-by-policy", Input::Fact(Fact::Armed { by: Who::Policy })),
+    ("off", Input::Fact(Fact::Off)),
+    ("paused", Input::Fact(Fact::Paused)),
+    ("lapsed", Input::Fact(Fact::Lapsed)),
+    ("on-disk", Input::OnDisk),
+    ("turn-ends", Input::TurnEnds),
+    ("too-late", Input::NotSent(NotSent::TooLate)),
+    ("unreachable", Input::NotSent(NotSent::Unreachable)),
+    ("rejected", Input::NotSent(NotSent::Rejected)),
+    ("backs-off", Input::NotSent(NotSent::BacksOff)),
+    ("set-taken", Input::Set(SetCommit::Taken)),
+    ("set-open", Input::Set(SetCommit::Open)),
+    ("set-failed", Input::Set(SetCommit::Failed)),
 ];
 
-fn cells_of_fact(fact: Fact) -> Cells {
-    let name = match fact {
-        Fact::Decided { offset, target: _, not_after } => return ("decided", Some(offset), not_after),
-        Fact::WentAlong { value, left, is_done: true } => return ("went-along", Some(value), left),
-        Fact::WentAlong { value, left, is_done: false } => return ("went-along-unknown", Some(value), left),
-        Fact::Read { found, asked } => return ("read", Some(found), asked),
-        Fact::Done { left } => return ("done", None, left),
-        Fact::Unknown { left } => return ("unknown", None, left),
-        Fact::Look => "look",
-        Fact::GoesAlong => "goes-along",
-        Fact::NoAnswer => "no-answer",
-        Fact::Refused => "refused",
-        Fact::NotSent => "not-sent",
-        Fact::Kept => "kept",
-        Fact::NotKept => "not-kept",
-        Fact::Restarted => "restarted",
-        Fact::Interlocked => "interlocked",
-        Fact::Released => "released",
-        Fact::Armed { by: Who::Person } => "armed-by-person",
-        Fact::Armed { by: Who::Policy } => "armed-by-policy",
-        Fact::Off => "off",
-        Fact::Paused => "paused",
-    };
-    (name, None, Moment::END)
+fn cells_of_input(input: Input) -> Cells {
+    match input {
+        Input::Demand(demand) => {
+            let decision = demand.decision;
+            ("demand", decision.map(|one| one.offset), decision.map_or(Moment::END, |one| one.not_after))
+        }
+        Input::Fact(Fact::Decided { offset, target: _, not_after }) => ("decided", Some(offset), not_after),
+        Input::Fact(Fact::WentAlong { value, left, is_done: true }) => ("went-along", Some(value), left),
+        Input::Fact(Fact::WentAlong { value, left, is_done: false }) => ("went-along-unknown", Some(value), left),
+        Input::Fact(Fact::Read { found, asked }) => ("read", Some(found), asked),
+        Input::Fact(Fact::Done { left }) => ("done", None, left),
+        Input::Fact(Fact::Unknown { left }) => ("unknown", None, left),
+        Input::Applied { found, asked } => ("applied", found.map(Counts), asked),
+        Input::AppliedNoAnswer { asked } => ("applied-no-answer", None, asked),
+        Input::Fact(_) | Input::NotSent(_) | Input::OnDisk | Input::Set(_) | Input::TurnEnds => {
+            let named = PLAIN.iter().find(|(_, plain)| *plain == input);
+            (named.map_or("", |(name, _)| *name), None, Moment::END)
+        }
+    }
 }
 
-/// The fact of this name; `None` where there is none, or it lacks its value.
-fn fact(name: &str, value: Option<Counts>, moment: Moment) -> Option<Fact> {
+/// The input of this name. `None` if there is none, or if it lacks its value.
+fn input(name: &str, value: Option<Counts>, moment: Moment) -> Option<Input> {
     Some(match name {
-        "decided" => Fact::Decided { offset: value?, target: None, not_after: moment },
-        "went-along" => Fact::WentAlong { value: value?, left: moment, is_done: true },
-        "went-along-unknown" => Fact::WentAlong { value: value?, left: moment, is_done: false },
-        "read" => Fact::Read { found: value?, asked: moment },
-        "done" => Fact::Done { left: moment },
-        "unknown" => Fact::Unknown { left: moment },
-        _ => return PLAIN.into_iter().find(|fact| cells_of_fact(*fact).0 == name),
+        // Its detail follows.
+        "demand" => Input::Demand(DemandDetail::default().demand(value, moment)?),
+        "decided" => Input::Fact(Fact::Decided { offset: value?, target: None, not_after: moment }),
+        "went-along" => Input::Fact(Fact::WentAlong { value: value?, left: moment, is_done: true }),
+        "went-along-unknown" => Input::Fact(Fact::WentAlong { value: value?, left: moment, is_done: false }),
+        "read" => Input::Fact(Fact::Read { found: value?, asked: moment }),
+        "done" => Input::Fact(Fact::Done { left: moment }),
+        "unknown" => Input::Fact(Fact::Unknown { left: moment }),
+        "applied" => Input::Applied { found: value.map(|value| value.0), asked: moment },
+        "applied-no-answer" => Input::AppliedNoAnswer { asked: moment },
+        _ => return PLAIN.iter().find(|(plain, _)| *plain == name).map(|(_, input)| *input),
     })
 }
 

@@ -11,24 +11,24 @@ use jiff::civil::Date;
 use super::stamps::{Stamped, Stamps};
 use super::{Job, OUTPUT_QUEUE, keeping};
 use crate::gateway::log::outputs::{Beginning, OutputRecorder};
-use isotherm_core::output::{Action, Fact, Settings, State};
+use isotherm_core::output::{Action, Controller, Input, Settings};
 use isotherm_core::quantity::{Micron, Moment, Shifted};
 use isotherm_profile::{OutputId, Profile, SetId};
 
 /// What is written again and again is counted for so long.
 const COUNTED_FOR: Duration = Duration::from_secs(60);
 
-/// An output has taken a fact.
+/// The controller of an output has taken an input.
 #[derive(Debug)]
 pub(in crate::gateway) struct Stepped<'a> {
     pub(in crate::gateway) id: OutputId,
     pub(in crate::gateway) settings: &'a Settings,
-    pub(in crate::gateway) before: &'a State,
-    /// That is what was known after the last fact that was recorded.
+    pub(in crate::gateway) before: &'a Controller,
+    /// That is what was known after the last input that was recorded.
     pub(in crate::gateway) goes_on: bool,
-    pub(in crate::gateway) fact: Fact,
+    pub(in crate::gateway) input: Input,
     pub(in crate::gateway) action: Action,
-    pub(in crate::gateway) after: &'a State,
+    pub(in crate::gateway) after: &'a Controller,
 }
 
 /// What is written again and again, whatever came of the last time.
@@ -135,14 +135,15 @@ impl OutputsLog {
             return;
         }
         if line.begun.replace(stretch).is_none() {
-            let beginning = Beginning { settings: *stepped.settings, state: *stepped.before };
+            let (state, policy) = (*stepped.before.state(), *stepped.before.policy());
+            let beginning = Beginning { settings: *stepped.settings, state, policy };
             let row = self.recorder.begin(now, &line.name, &beginning).to_vec();
             if !self.hand_over(now, row, stretch) {
                 return;
             }
         }
         let name = &self.lines[stepped.id.0].name;
-        let row = self.recorder.step(now, name, stepped.fact, stepped.action).to_vec();
+        let row = self.recorder.step(now, name, stepped.input, stepped.action).to_vec();
         self.hand_over(now, row, stretch);
     }
 

@@ -94,7 +94,7 @@ mod outputs {
     use crate::gateway::log::outputs::{Entry, HEADER, OutputLogReader, OutputReplay, Replayed};
     use crate::gateway::log::sample;
     use crate::gateway::sealed::pair::open_both;
-    use isotherm_core::output::{Action, Fact, Rules, Settings, State, Verify, Who, step};
+    use isotherm_core::output::{Action, Controller, Fact, Input, Rules, Settings, State, Verify, Who};
     use isotherm_profile::OutputId;
 
     /// The day of noon.
@@ -107,8 +107,8 @@ mod outputs {
         jobs: Receiver<Job>,
         thread: StorageThread,
         settings: Settings,
-        state: State,
-        known: Option<State>,
+        controller: Controller,
+        known: Option<Controller>,
         now: Moment,
         action: Action,
         register: i64,
@@ -137,15 +137,16 @@ mod outputs {
             refresh: None,
             is_shared: false,
             verify: Verify::Reading,
+            applied: None,
             rules: Rules::default(),
         };
-        let state = State::new(&settings, None, noon());
+        let controller = Controller::new(&settings, State::new(&settings, None, noon()), 0, noon());
         Bench {
             storage,
             jobs,
             thread,
             settings,
-            state,
+            controller,
             known: None,
             now: noon(),
             action: Action::Nothing { until: noon() },
@@ -155,18 +156,18 @@ mod outputs {
 
     impl Bench {
         fn give(&mut self, fact: Fact) {
-            let (before, known) = (self.state, self.known);
-            self.action = step(&mut self.state, &self.settings, fact, self.now);
-            let _ = self.state.take_events();
-            self.known = Some(self.state);
+            let (before, known, input) = (self.controller, self.known, Input::Fact(fact));
+            self.action = self.controller.step(&self.settings, input, self.now);
+            let _ = self.controller.take_events();
+            self.known = Some(self.controller);
             let stepped = Stepped {
                 id: OutputId(0),
                 settings: &self.settings,
                 before: &before,
                 goes_on: known == Some(before),
-                fact,
+                input,
                 action: self.action,
-                after: &self.state,
+                after: &self.controller,
             };
             self.storage.outputs.stepped(&stepped, self.now);
         }

@@ -12,7 +12,7 @@ use rumqttc::mqttbytes::v4::{ConnectReturnCode, LastWill};
 use rumqttc::{
     AsyncClient, ConnectionError, Event, EventLoop, MqttOptions, Outgoing, Packet, QoS, StateError,
 };
-use tokio::sync::mpsc;
+use tokio::sync::{Notify, mpsc};
 use tokio::task::{JoinError, JoinHandle};
 use tokio_rustls::rustls::ClientConfig;
 
@@ -84,9 +84,9 @@ impl Broker for Client {
         let (client, mut turns) = AsyncClient::builder(self.options(will)).capacity(IN_LIBRARY).build();
         turns.network_options.set_connection_timeout(CONNECT_WITHIN.as_secs());
         let tally = Arc::new(Mutex::new(Tally { heard: self.clock.time_of_day(), ..Tally::default() }));
-        let (says, heard) = mpsc::channel(UNHEARD);
-        let turning = turn(turns, tally.clone(), says, self.clock.clone());
-        let mut connected = Connected { client, tally, heard, task: Some(tokio::spawn(turning)) };
+        let (news, inbox) = inbox();
+        let turning = turn(turns, tally.clone(), news, self.clock.clone());
+        let mut connected = Connected { client, tally, inbox, task: Some(tokio::spawn(turning)) };
         match tokio::time::timeout(CONNECT_WITHIN, connected.next()).await {
             Ok(Heard::Room | Heard::Arrived(_)) => Ok(connected),
             // Brokers say either of two words to a wrong password.
@@ -129,11 +129,39 @@ impl Tally {
     }
 }
 
+/// Sender of what the library reports. That there is room for another message takes no place from messages that arrive.
+struct News {
+    heard: mpsc::Sender<Heard>,
+    room: Arc<Notify>,
+}
+
+/// Receiver of what the library reports.
+struct Inbox {
+    heard: mpsc::Receiver<Heard>,
+    room: Arc<Notify>,
+}
+
+fn inbox() -> (News, Inbox) {
+    let ((says, heard), room) = (mpsc::channel(UNHEARD), Arc::<Notify>::default());
+    (News { heard: says, room: room.clone() }, Inbox { heard, room })
+}
+
+impl Inbox {
+    /// Waits for the next report. `None` if there will be none.
+    async fn next(&mut self) -> Option<Heard> {
+        tokio::select! {
+            biased;
+            heard = self.heard.recv() => heard,
+            () = self.room.notified() => Some(Heard::Room),
+        }
+    }
+}
+
 /// A connection.
 pub(super) struct Connected {
     client: AsyncClient,
     tally: Arc<Mutex<Tally>>,
-    heard: mpsc::Receiver<Heard>,
+    inbox: Inbox,
     task: Option<JoinHandle<()>>,
 }
 
@@ -165,7 +193,7 @@ impl Connection for Connected {
     }
 
     async fn next(&mut self) -> Heard {
-        if let Some(heard) = self.heard.recv().await {
+        if let Some(heard) = self.inbox.next().await {
             return heard;
         }
         let Some(task) = self.task.take() else { return Heard::Lost(Fault::Broken) };
@@ -202,7 +230,7 @@ impl Drop for Connected {
 }
 
 /// Turns the library's wheel, and notes what it says.
-async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, says: mpsc::Sender<Heard>, clock: Clock) {
+async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, news: News, clock: Clock) {
     let tally = || tally.lock().unwrap_or_else(PoisonError::into_inner);
     loop {
         let is_room = match turns.poll().await {
@@ -215,7 +243,7 @@ async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, says: mpsc::Sender
                     redelivered: arrived.dup,
                 };
                 // Of a flood the rest is lost.
-                let _ = says.try_send(Heard::Arrived(arrived));
+                let _ = news.heard.try_send(Heard::Arrived(arrived));
                 false
             }
             Ok(Event::Incoming(Packet::PubAck(acknowledged))) => {
@@ -241,13 +269,12 @@ async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, says: mpsc::Sender
             Err(error) => {
                 tracing::debug!(%error, "no MQTT");
                 // Nobody listens any more, or the channel is full of what is lost now as well.
-                let _ = says.send(Heard::Lost(fault(&error))).await;
+                let _ = news.heard.send(Heard::Lost(fault(&error))).await;
                 return;
             }
         };
         if is_room {
-            // One that waits already says the same.
-            let _ = says.try_send(Heard::Room);
+            news.room.notify_one();
         }
     }
 }
@@ -282,5 +309,23 @@ fn qos(qos: Qos) -> QoS {
     match qos {
         Qos::AtMostOnce => QoS::AtMostOnce,
         Qos::AtLeastOnce => QoS::AtLeastOnce,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A broker acknowledges what was published at the start while a command arrives.
+    #[tokio::test]
+    async fn a_message_that_arrives_beside_many_acknowledgements_is_not_lost() {
+        let (news, mut inbox) = inbox();
+        (0..10 * UNHEARD).for_each(|_| news.room.notify_one());
+        let arrived = Arrived { topic: "t".to_owned(), payload: Vec::new(), retained: true, redelivered: false };
+        assert!(news.heard.try_send(Heard::Arrived(arrived)).is_ok());
+        assert!(matches!(inbox.next().await, Some(Heard::Arrived(_))));
+        assert!(matches!(inbox.next().await, Some(Heard::Room)));
+        drop(news);
+        assert!(inbox.next().await.is_none());
     }
 }

@@ -27,7 +27,7 @@ use Lines::{Any, Can, Modbus};
 type Make = fn(&mut FaultFile, &Profile) -> Result<Kind, String>;
 
 /// Every kind of fault.
-const KINDS: [(&str, Lines, Make); 32] = [
+const KINDS: [(&str, Lines, Make); 33] = [
     ("silent", Any, |_, _| reply(ReplyFault::Silent)),
     ("late", Any, |file, _| reply(ReplyFault::Late(file.delay()?))),
     ("exception", Modbus, |file, _| file.exception()),
@@ -53,6 +53,7 @@ const KINDS: [(&str, Lines, Make); 32] = [
     ("restart", Any, |_, _| Ok(Kind::Restart)),
     ("no-acknowledge", Modbus, |_, _| Ok(Kind::Acknowledge(AcknowledgeFault::Never))),
     ("stuck-acknowledge", Modbus, |_, _| Ok(Kind::Acknowledge(AcknowledgeFault::Stuck))),
+    ("next-number", Modbus, |_, _| Ok(Kind::Acknowledge(AcknowledgeFault::NextNumber))),
     ("late-acknowledge", Modbus, |file, _| Ok(Kind::Acknowledge(AcknowledgeFault::Late(file.delay()?)))),
     ("short-frame", Can, |_, _| Ok(Kind::Can(CanFault::ShortFrame))),
     ("babbling", Can, |file, _| file.babbling()),

@@ -99,8 +99,8 @@ fn a_register_with_faults_and_a_restarted_gateway_comes_out_again() {
         &text,
         &[
             "cnc_z,begin,,,,,,\"{",
-            "cnc_z,armed-by-p",
-            "cnc_z,decided,",
+            "\"\"armed\"\":\"\"policy\"\"",
+            "cnc_z,demand,",
             "cnc_z,read,",
             "cnc_z,done,",
             "cnc_z,no-answer,",
@@ -131,7 +131,7 @@ fn a_register_that_an_operator_writes_to_as_well_comes_out_again() {
     traces.iter().for_each(law::holds);
     assert_eq!(traces[0].reported("operator-change"), 1, "{}", traces[0].lines());
     let (_, text) = again(directory.path());
-    has(&text, &["cnc_z,armed-by-person,", "cnc_z,kept,", ",keep,", ",write,", "\"\"is_shared\"\":true"]);
+    has(&text, &["\"\"armed\"\":\"\"person\"\"", "cnc_z,on-disk,", ",keep,", ",write,", "\"\"is_shared\"\":true"]);
 }
 
 #[test]

@@ -311,3 +311,69 @@ fn with_lost_answers_and_a_fast_heartbeat_a_set_still_follows_two_micrometres_a_
         assert_eq!(trace.reported("foreign-change") + trace.reported("disarmed"), 0, "{}", trace.lines());
     }
 }
+
+/// The longest time between two heartbeats after the first, s.
+fn silence(trace: &Trace, register: u16) -> f64 {
+    let beats = writes(trace).filter_map(|seen| {
+        let first = seen.address.register()?.offset;
+        (first..first + seen.count).contains(&register).then(|| trace.seconds(seen.at))
+    });
+    let beats: Vec<f64> = beats.filter(|at| *at < trace.seconds(trace.stopped.0)).collect();
+    assert!(beats.len() > 50, "{beats:?}");
+    beats.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max)
+}
+
+/// A write is not answered, and the control restarts: until the write cannot arrive any more, no member may be written.
+#[test]
+fn heartbeat_and_control_word_continue_while_a_late_write_forbids_the_members() {
+    let own = "sequence = \"holding:103\"\ncomplement = \"holding:110\"";
+    for (words, register) in [
+        ("heartbeat = \"holding:103\"\ncontrol = \"holding:110\"", 103),
+        ("heartbeat = \"holding:110\"", 110),
+    ] {
+        for late in ["8s", "20s"] {
+            let text = BLOCK
+                .replace(own, words)
+                .replace("refresh = \"10s\"", "refresh = \"500ms\"")
+                .replace("address = \"127.0.0.1:1503\"", &format!("address = \"127.0.0.1:1503\"\nlate = \"{late}\""));
+            let faults = plc("kind = \"silent\"\nafter = 91\nfor = 1") + &plc("kind = \"restart\"\nat = \"25s\"");
+            let unanswered: String =
+                (0..6).map(|place| plc(&format!("kind = \"silent\"\nat = \"{}ms\"\nfor_time = \"60ms\"", 24_100 + 130 * place))).collect();
+            let trace = run(&text, &(faults + &unanswered), MINUTE);
+            law::holds(&trace);
+            assert!(trace.reported("waits-for-late-write") > 0, "{}", trace.lines());
+            let longest = silence(&trace, register);
+            assert!(longest < 3.0, "late {late}: silent for {longest:.1} s\n{}", trace.lines());
+        }
+    }
+}
+
+/// A control that takes nothing but the next number, and acknowledges nothing else. Answers, strobes and acknowledges are lost, and
+/// writes are carried out and denied.
+#[test]
+fn a_control_that_takes_nothing_but_the_next_number_is_never_left_behind() {
+    let next = plc("kind = \"next-number\"\nat = \"0s\"\nfor_time = \"3600s\"");
+    let lost = |kind: &str, count: u32| -> String {
+        let quote = if kind.contains("code") { "" } else { "\"" };
+        let each = (0..count).map(|place| plc(&format!("kind = \"{kind}{quote}\nafter = {}\nfor = 1", 60 + 41 * place)));
+        each.collect()
+    };
+    for text in [shaken(BLOCK), shaken(&apart())] {
+        for faults in [
+            lost("silent", 12),
+            lost("close", 8),
+            lost("exception\"\ncode = 6", 12),
+            plc("kind = \"silent\"\nat = \"40s\"\nfor_time = \"65s\""),
+            (40..100).map(|second| plc(&format!("kind = \"silent\"\nat = \"{second}500ms\"\nfor_time = \"600ms\""))).collect(),
+            plc("kind = \"restart\"\nat = \"60s\""),
+        ] {
+            let trace = run(&text, &(next.clone() + &faults), 5 * MINUTE);
+            law::holds(&trace);
+            law::nothing_taken_jumps(&trace);
+            assert_eq!(trace.states_between(240, 300), ["active"], "{faults}\n{}", trace.reported("acknowledge-missing"));
+            let taken = trace.taken.iter().filter(|taken| trace.seconds(taken.at) > 240.0).count();
+            assert!(taken > 3, "{faults}: {taken} sets are taken in the last minute\n{}", trace.lines());
+            assert!(trace.outcome.rested, "{faults} {:?}\n{}", trace.outcome, trace.lines());
+        }
+    }
+}

@@ -1,6 +1,6 @@
 //! Everything that can happen next in a world.
 
-use isotherm_core::output::{Action, Fact, Kept, Settings, Standing, Verify};
+use isotherm_core::output::{Action, Condition, Fact, Input, Kept, NotSent, Settings, Standing, Verify};
 
 use isotherm_core::quantity::Counts;
 
@@ -17,7 +17,7 @@ pub(crate) fn each(world: &World, settings: &Settings, to: &mut impl FnMut(Name,
         to(name, next, broken);
     };
     let left = world.left;
-    match (world.gateway, world.action) {
+    match (world.gateway, world.action()) {
         (None, _) => {
             go("start", &mut |next| {
                 next.start(settings);
@@ -38,19 +38,19 @@ pub(crate) fn each(world: &World, settings: &Settings, to: &mut impl FnMut(Name,
         }
         (Some(gateway), Action::Keep) => {
             go("kept", &mut |next| {
-                next.keep(settings, Some(gateway.kept()));
-                next.give(settings, Fact::Kept)
+                next.keep(settings, Some(gateway.state().kept()));
+                next.give(settings, Input::OnDisk)
             });
             for is_there in [false, true].into_iter().filter(|_| left.disk > 0) {
                 go("the disk says no", &mut |next| {
                     next.left.disk -= 1;
-                    next.keep(settings, is_there.then(|| gateway.kept()));
+                    next.keep(settings, is_there.then(|| gateway.state().kept()));
                     next.give(settings, Fact::NotKept)
                 });
             }
             if left.kills > 0 {
                 go("killed when it was kept", &mut |next| {
-                    next.keep(settings, Some(gateway.kept()));
+                    next.keep(settings, Some(gateway.state().kept()));
                     next.kill()
                 });
             }
@@ -99,6 +99,19 @@ fn writes(world: &World, settings: &Settings, go: &mut Go<'_>) {
             });
         }
     }
+    if left.late > 0 {
+        go("the write is too late", &mut |next| {
+            next.left.late -= 1;
+            next.give(settings, Input::NotSent(NotSent::TooLate))
+        });
+    }
+    if left.lags > 0 {
+        go("write done, applied later", &mut |next| {
+            (next.left.lags, next.applied.1) = (left.lags - 1, 2);
+            next.deliver(settings, value, excuse)?;
+            next.give(settings, Fact::Done { left: NOW })
+        });
+    }
     if left.refusals > 0 {
         go("write refused", &mut |next| {
             next.left.refusals -= 1;
@@ -138,7 +151,7 @@ fn quiet(world: &World, settings: &Settings, go: &mut Go<'_>) {
             });
         }
     }
-    let shown = world.gateway.map(|gateway| gateway.shown(settings));
+    let shown = world.shown(settings);
     if shown.is_some_and(|shown| matches!(shown.standing, Standing::Barred | Standing::Off)) {
         go("a person decides", &mut |next| next.persons_turn(settings, false).map(|_| ()));
         go("a person decides at once", &mut |next| next.persons_turn(settings, true).map(|_| ()));
@@ -146,8 +159,22 @@ fn quiet(world: &World, settings: &Settings, go: &mut Go<'_>) {
     if left.offs > 0 {
         go("off and on again", &mut |next| {
             next.left.offs -= 1;
-            next.order = None;
-            next.give(settings, Fact::Off)
+            (next.order, next.armed) = (None, None);
+            next.give(settings, next.demand(None))
+        });
+    }
+    if left.interlocks > 0 && world.interlock == Condition::Met {
+        for condition in [Condition::NotMet, Condition::Unknown] {
+            go("its interlock opens", &mut |next| {
+                (next.left.interlocks, next.interlock) = (left.interlocks - 1, condition);
+                next.give(settings, next.demand(None))
+            });
+        }
+    }
+    if world.interlock != Condition::Met {
+        go("its interlock closes", &mut |next| {
+            next.interlock = Condition::Met;
+            next.give(settings, next.demand(None))
         });
     }
     if left.beats > 0 {
@@ -159,7 +186,7 @@ fn quiet(world: &World, settings: &Settings, go: &mut Go<'_>) {
     if left.kills > 0 {
         go("stopped", &mut |next| {
             next.left.kills -= 1;
-            let kept = next.gateway.as_mut().map(|gateway| gateway.end());
+            let kept = next.gateway.as_mut().map(|gateway| gateway.state_mut().end());
             next.keep(settings, kept);
             next.is_gone()
         });
@@ -196,7 +223,7 @@ fn anywhere(world: &World, settings: &Settings, go: &mut Go<'_>) {
             next.is_moved_by_others();
             Ok(())
         });
-        if matches!(world.action, Action::Nothing { .. }) && world.gateway.is_some() {
+        if matches!(world.action(), Action::Nothing { .. }) && world.gateway.is_some() {
             go("the CNC restarts, forgets nothing, and says so", &mut |next| {
                 (next.left.restarts, next.is_touched) = (left.restarts - 1, true);
                 next.give(settings, Fact::Restarted)
@@ -231,16 +258,16 @@ fn anywhere(world: &World, settings: &Settings, go: &mut Go<'_>) {
 /// arrived, between a write that was acknowledged and ignored and the next read, and between a restart and the moment
 /// when the zero is on disk.
 fn may_edit(world: &World) -> bool {
-    let is_writing = matches!(world.action, Action::Write { .. });
+    let is_writing = matches!(world.action(), Action::Write { .. });
     let is_held = world.held.iter().flatten().next().is_some();
     !(is_writing || is_held || world.has_arrived || world.is_restarted)
 }
 
 /// A value of ours that may still appear or is promised, or what stood before such a one.
 fn is_of_ours(world: &World, settings: &Settings, value: Counts) -> bool {
-    let kept = [world.gateway.map(|gateway| gateway.kept()), world.disk];
+    let kept = [world.gateway.map(|gateway| gateway.state().kept()), world.disk];
     let is_promised = kept.iter().flatten().any(|kept| kept.promises.iter().any(|one| one.value == value));
-    let shown = world.gateway.map(|gateway| gateway.shown(settings));
+    let shown = world.shown(settings);
     let stood = shown.filter(|shown| shown.under_way > 0).and_then(|shown| shown.verified);
     // Whoever dies before that is on disk knows of no more than what is.
     let is_open = |kept: &Kept| !kept.in_order && kept.promises.iter().any(|one| one.is_under_way);
@@ -250,7 +277,7 @@ fn is_of_ours(world: &World, settings: &Settings, value: Counts) -> bool {
 }
 
 fn pause(world: &mut World, settings: &Settings, seconds: u64) -> Broken {
-    let action = world.action;
+    let action = world.action();
     world.order = None;
     for _ in 0..seconds {
         world.pass(settings);
@@ -260,8 +287,8 @@ fn pause(world: &mut World, settings: &Settings, seconds: u64) -> Broken {
         Action::Read => world.give(settings, Fact::NoAnswer),
         Action::Write { .. } => world.give(settings, Fact::NotSent),
         Action::Keep => {
-            world.keep(settings, world.gateway.map(|gateway| gateway.kept()));
-            world.give(settings, Fact::Kept)
+            world.keep(settings, world.gateway.map(|gateway| gateway.state().kept()));
+            world.give(settings, Input::OnDisk)
         }
         Action::Nothing { .. } => Ok(()),
     }
@@ -276,7 +303,6 @@ impl World {
     fn is_gone(&mut self) -> Broken {
         self.gateway = None;
         self.order = None;
-        self.action = Action::Nothing { until: NOW };
         Ok(())
     }
 }

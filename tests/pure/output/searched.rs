@@ -3,7 +3,7 @@
 use isotherm_core::quantity::Counts;
 use std::time::Duration;
 
-use isotherm_core::output::{Rules, Settings, Verify};
+use isotherm_core::output::{AppliedSettings, Rules, Settings, Verify};
 
 use super::search::{Searched, search, walk};
 use super::world::{Budget, settings};
@@ -100,6 +100,31 @@ fn an_output_that_cannot_be_read_never_jumps() {
     let refresh = Settings { refresh: Some(Duration::from_secs(1)), ..echo };
     let repeats = Budget { holds: 2, losses: 2, targets: 2, kills: 1, ..none };
     holds("unread, refreshed", &refresh, repeats);
+}
+
+/// An interlock, a line that is too late, and an axis that holds while its output is in trouble.
+#[test]
+fn an_output_with_an_interlock_never_jumps_and_resumes_from_its_register() {
+    let none = Budget { has_guard: true, ..Budget::NONE };
+    let locked = Budget { holds: 1, losses: 1, interlocks: 2, edits: 1, targets: 1, ..none };
+    holds("whole, interlock", &settings(false, 3, 3), locked);
+    holds("shared, interlock", &settings(true, 3, 3), locked);
+    let late = Budget { late: 2, holds: 1, losses: 1, stale: 1, targets: 2, ..none };
+    holds("whole, late", &settings(false, 3, 3), late);
+    let trouble = Budget { late: 1, interlocks: 1, refusals: 1, ignored: 1, restarts: 1, disk: 1, targets: 1, ..none };
+    holds("whole, trouble", &settings(false, 3, 3), trouble);
+    holds("shared, trouble", &settings(true, 3, 3), trouble);
+}
+
+/// The control says in another register what it applies, and applies it late.
+#[test]
+fn an_output_whose_control_applies_late_is_sent_nothing_new_before_that() {
+    let applied = Some(AppliedSettings { tolerance: 0, settle: Duration::from_secs(1) });
+    let applied = Settings { applied, ..settings(false, 3, 3) };
+    let none = Budget { has_guard: true, ..Budget::NONE };
+    holds("applied, link", &applied, Budget { lags: 2, holds: 1, losses: 1, targets: 2, ..none });
+    let trouble = Budget { lags: 2, losses: 1, restarts: 1, interlocks: 1, stale: 1, targets: 1, ..none };
+    holds("applied, trouble", &applied, trouble);
 }
 
 /// Without one of the rules, the shortest way to what it prevents.

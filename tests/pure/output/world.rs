@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use isotherm_core::output::{
-    Account, Action, Event, Fact, Kept, Promise, Settings, Slots, Standing, State, Verify, Who, step,
+    Account, Action, Condition, Controller, Demand, Demanded, Event, Fact, Input, Kept, Mode, OutputHealth, Promise, Settings,
+    Slots, Standing, State, Verify, Who,
 };
 use isotherm_core::quantity::{Counts, Moment};
 
@@ -40,6 +41,12 @@ pub(crate) struct Budget {
     pub(crate) targets: u8,
     /// It is in one request with others, which leaves in between.
     pub(crate) beats: u8,
+    /// Its interlock opens, and closes again.
+    pub(crate) interlocks: u8,
+    /// The line is so late that the last moment of a write has passed.
+    pub(crate) late: u8,
+    /// The control applies a value later than it holds it.
+    pub(crate) lags: u8,
     /// The decision goes to the target by one step a second, as the guard of an axis does. Without it the decision is the target.
     pub(crate) has_guard: bool,
 }
@@ -60,6 +67,9 @@ impl Budget {
         offs: 0,
         targets: 0,
         beats: 0,
+        interlocks: 0,
+        late: 0,
+        lags: 0,
         has_guard: false,
     };
 
@@ -78,6 +88,9 @@ impl Budget {
         offs: 1,
         targets: 1,
         beats: 0,
+        interlocks: 1,
+        late: 1,
+        lags: 0,
         has_guard: true,
     };
 
@@ -92,9 +105,10 @@ pub(crate) type Broken = Result<(), String>;
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct World {
-    pub(crate) gateway: Option<State>,
-    /// What the gateway asked for and nobody has done yet.
-    pub(crate) action: Action,
+    pub(crate) gateway: Option<Controller>,
+    /// Who has armed the axis.
+    pub(crate) armed: Option<Who>,
+    pub(crate) interlock: Condition,
     pub(crate) disk: Option<Kept>,
     pub(crate) register: Counts,
     /// The operator's part, as he would say it; the bias of a register that is ours alone.
@@ -103,6 +117,10 @@ pub(crate) struct World {
     pub(crate) lost: Option<Counts>,
     pub(crate) held: [Option<Held>; 2],
     pub(crate) wanted: Counts,
+    /// Target of the last decision.
+    pub(crate) target: Counts,
+    /// What the control applies, and seconds until it applies the register value.
+    pub(crate) applied: (Counts, u64),
     /// What the guard of the axis decided last, if there is one.
     pub(crate) guard: Option<Counts>,
     /// Seconds for which the newest decision may still be carried out; `None` where there is none.
@@ -128,13 +146,16 @@ impl World {
         };
         let mut world = World {
             gateway: None,
-            action: Action::Nothing { until: Moment::END },
+            armed: None,
+            interlock: Condition::Met,
             disk: Some(kept),
             register: settings.bias,
             his: settings.bias,
             lost: None,
             held: [None; 2],
             wanted: settings.limit + Counts(1),
+            target: Counts::ZERO,
+            applied: (settings.bias, 0),
             guard: left.has_guard.then_some(Counts::ZERO),
             order: None,
             is_moved: false,
@@ -148,71 +169,112 @@ impl World {
     }
 
     pub(crate) fn start(&mut self, settings: &Settings) {
-        let mut gateway = State::new(settings, self.disk.as_ref(), NOW);
-        self.action = step(&mut gateway, settings, Fact::Look, NOW);
+        let state = State::new(settings, self.disk.as_ref(), NOW);
+        let mut gateway = Controller::new(settings, state, 0, NOW);
+        gateway.step(settings, Fact::Look.into(), NOW);
         self.gateway = Some(gateway);
-        self.order = None;
+        (self.order, self.armed) = (None, None);
     }
 
-    /// Gives the gateway a fact. Whoever is switched off by it is told why.
-    pub(crate) fn give(&mut self, settings: &Settings, fact: Fact) -> Broken {
+    /// What the gateway asked for and nobody has done yet.
+    pub(crate) fn action(&self) -> Action {
+        self.gateway.map_or(Action::Nothing { until: NOW }, |gateway| gateway.action())
+    }
+
+    /// State of the register, as the gateway knows it.
+    pub(crate) fn shown(&self, settings: &Settings) -> Option<isotherm_core::output::Shown> {
+        self.gateway.map(|gateway| gateway.state().shown(settings))
+    }
+
+    /// Gives the gateway an input. If it asks for nothing then, its turn ends.
+    pub(crate) fn give(&mut self, settings: &Settings, input: impl Into<Input>) -> Broken {
+        self.take(settings, input.into())?;
+        if let Some(gateway) = self.gateway
+            && matches!(self.action(), Action::Nothing { .. })
+        {
+            if gateway.applied_due(settings) <= NOW {
+                let found = Some(self.applied.0.0 * 1000);
+                self.take(settings, Input::Applied { found, asked: NOW })?;
+            }
+            self.take(settings, Input::TurnEnds)?;
+        }
+        self.arm_by_policy(settings)
+    }
+
+    /// Gives the gateway an input. It says why it switches the axis off.
+    fn take(&mut self, settings: &Settings, input: Input) -> Broken {
         let Some(gateway) = &mut self.gateway else { return Ok(()) };
-        let before = gateway.shown(settings).standing;
-        self.action = step(gateway, settings, fact, NOW);
-        let shown = gateway.shown(settings);
-        let events = gateway.take_events();
-        if !matches!(
-            fact,
-            Fact::Decided { .. }
-                | Fact::Read { .. }
-                | Fact::Done { .. }
-                | Fact::Kept
-                | Fact::Look
-                | Fact::GoesAlong
-        ) {
+        let before = gateway.state().shown(settings).standing;
+        gateway.step(settings, input, NOW);
+        let shown = gateway.state().shown(settings);
+        let (events, action) = (gateway.take_events(), gateway.action());
+        let keeps_order = match input {
+            Input::Fact(fact) => {
+                matches!(fact, Fact::Read { .. } | Fact::Done { .. } | Fact::Kept | Fact::Look | Fact::GoesAlong)
+            }
+            Input::NotSent(_) => false,
+            _ => true,
+        };
+        if !keeps_order {
             self.order = None;
         }
-        if before == Standing::Armed && shown.standing != Standing::Armed && fact != Fact::Off {
+        let is_switched_off = matches!(input, Input::Demand(Demand { armed: None, .. }));
+        if before == Standing::Armed && shown.standing != Standing::Armed && !is_switched_off {
             let is_reported = events.iter().any(|event| event.switches_off());
-            is_reported.then_some(()).ok_or("switched off without a reason told")?;
+            is_reported.then_some(()).ok_or("switched off without a reason reported")?;
         }
         let blames = |event: &Event| event.switches_off() || matches!(event, Event::OperatorChanged { .. });
         if let Some(event) = events.iter().find(|event| blames(event) && !self.is_touched) {
             return Err(format!("nobody has touched the register, but it says {event:?}"));
         }
-        if self.action == (Action::Nothing { until: NOW.min(self.wakes()) }) {
-            return Err("it wants to be asked again at once, for nothing".to_owned());
+        for event in events.iter() {
+            match event {
+                Event::ForeignValue { .. } | Event::Question => self.armed = None,
+                Event::TakeOver { .. } => self.takes_over(settings),
+                _ => {}
+            }
+        }
+        if input == Input::TurnEnds && action == (Action::Nothing { until: NOW.min(self.wakes()) }) {
+            return Err("it is to be called again at once, for nothing".to_owned());
         }
         let longest = NOW.after(settings.late);
         let is_short = shown.waits_until.is_none_or(|until| until <= longest);
-        is_short.then_some(()).ok_or_else(|| "it waits longer than a write can be late".to_owned())?;
-        self.arm_by_policy(settings)
+        is_short.then_some(()).ok_or_else(|| "it waits longer than a write can be late".to_owned())
     }
 
-    /// When it wants to be asked again.
+    /// When it is to be called again.
     fn wakes(&self) -> Moment {
-        match self.action {
+        match self.action() {
             Action::Nothing { until } => until,
             _ => Moment::END,
         }
     }
 
+    /// Demand on the output now.
+    pub(crate) fn demand(&self, decision: Option<Demanded>) -> Input {
+        Input::Demand(Demand { armed: self.armed, interlock: self.interlock, decision, restarts: 0, pauses: 0 })
+    }
+
     /// `arm = "auto"`: as soon as the register was read, where its value is inside the limit.
     fn arm_by_policy(&mut self, settings: &Settings) -> Broken {
-        let Some(shown) = self.gateway.map(|gateway| gateway.shown(settings)) else { return Ok(()) };
+        let Some(shown) = self.shown(settings) else { return Ok(()) };
         let inside = |value: Counts| settings.is_shared || (value - settings.bias).abs() <= settings.limit;
         let is_known = shown.verified.is_some_and(|seen| inside(seen.value));
-        let is_idle = matches!(self.action, Action::Nothing { .. });
-        if shown.standing == Standing::Off && is_known && is_idle {
+        let is_idle = matches!(self.action(), Action::Nothing { .. });
+        if shown.standing == Standing::Off && is_known && is_idle && self.armed.is_none() {
             self.takes_over(settings);
-            return self.give(settings, Fact::Armed { by: Who::Policy });
+            self.armed = Some(Who::Policy);
+            return self.give(settings, self.demand(None));
         }
         Ok(())
     }
 
     /// The write that the gateway asks for; a change must rest on a decision that still holds.
     pub(crate) fn write(&self, settings: &Settings) -> Result<Option<Counts>, String> {
-        let Action::Write { value, not_after, is_repeat } = self.action else { return Ok(None) };
+        let Action::Write { value, not_after, is_repeat } = self.action() else { return Ok(None) };
+        if self.interlock != Condition::Met {
+            return Err(format!("{value} is sent although the interlock does not allow it"));
+        }
         if !is_repeat && self.order.is_none() {
             return Err(format!("{value} is sent on readings that are too old"));
         }
@@ -221,17 +283,27 @@ impl World {
         }
         if !is_repeat {
             self.leads_to_target(settings, value)?;
+            self.is_applied(settings, value)?;
         }
         Ok(Some(value))
     }
 
+    /// A control that says what it applies is sent nothing new before it applies the register value.
+    fn is_applied(&self, settings: &Settings, value: Counts) -> Broken {
+        let Some(seen) = self.shown(settings).and_then(|shown| shown.verified) else { return Ok(()) };
+        if settings.applied.is_none() || self.applied.0 == seen.value || self.is_moved || self.has_arrived {
+            return Ok(());
+        }
+        Err(format!("{value} is sent: the register holds {}, and the control applies {}", seen.value, self.applied.0))
+    }
+
     /// R11: from what the gateway has seen in the register towards the target, and not beyond it.
     fn leads_to_target(&self, settings: &Settings, value: Counts) -> Broken {
-        let Some(shown) = self.gateway.map(|gateway| gateway.shown(settings)) else { return Ok(()) };
+        let Some(shown) = self.shown(settings) else { return Ok(()) };
         let Some(seen) = shown.verified else { return Ok(()) };
         let centre = shown.account.map_or(settings.bias, |account| account.base);
         let (lowest, highest) = settings.range;
-        let target = (centre + self.wanted.clamp(-settings.limit, settings.limit)).clamp(lowest, highest);
+        let target = (centre + self.target.clamp(-settings.limit, settings.limit)).clamp(lowest, highest);
         let is_avoided = settings.is_shared && settings.is_zero(target) && target != centre;
         let beyond = Counts(i64::from(is_avoided));
         let (low, high) = (seen.value.min(target - beyond), seen.value.max(target + beyond));
@@ -244,7 +316,7 @@ impl World {
     /// What is decided now: the target, or one step nearer to it. While the register waits, the guard stays within one step of it.
     fn decides(&mut self, settings: &Settings) -> Counts {
         let Some(guard) = self.guard else { return self.wanted };
-        let shown = self.gateway.map(|gateway| gateway.shown(settings));
+        let shown = self.shown(settings);
         let centre = shown.and_then(|shown| shown.account).map_or(settings.bias, |account| account.base);
         let stands = shown.and_then(|shown| shown.verified).map(|seen| seen.value - centre);
         let change = self.wanted.clamp(-settings.limit, settings.limit) - guard;
@@ -257,7 +329,7 @@ impl World {
 
     /// An axis that is armed begins where its register is.
     fn takes_over(&mut self, settings: &Settings) {
-        let Some(shown) = self.gateway.map(|gateway| gateway.shown(settings)) else { return };
+        let Some(shown) = self.shown(settings) else { return };
         let centre = shown.account.map_or(settings.bias, |account| account.base);
         let stands = shown.verified.map_or(Counts::ZERO, |seen| seen.value - centre);
         self.guard = self.guard.map(|_| stands.clamp(-settings.limit, settings.limit));
@@ -274,6 +346,9 @@ impl World {
             return Err(format!("the register cannot hold {value}"));
         }
         let before = std::mem::replace(&mut self.register, value);
+        if self.applied.1 == 0 {
+            self.applied.0 = value;
+        }
         self.his = self.lost.take().unwrap_or(self.his);
         let jump = (value - before).abs();
         if jump > settings.step && !may_jump {
@@ -312,9 +387,10 @@ impl World {
         self.held.sort_by_key(|held| held.map(|held| (held.value, held.age)));
         self.order = self.order.and_then(|order| order.checked_sub(1));
         let past = |moment: Moment| if moment == Moment::END { moment } else { moment.before(SECOND) };
-        self.gateway = self.gateway.map(|gateway| gateway.moved(past));
-        if let Action::Nothing { until } = &mut self.action {
-            *until = past(*until);
+        self.gateway = self.gateway.map(|gateway| gateway.moved(past, Moment::default()));
+        self.applied.1 = self.applied.1.saturating_sub(1);
+        if self.applied.1 == 0 {
+            self.applied.0 = self.register;
         }
     }
 
@@ -322,12 +398,8 @@ impl World {
     pub(crate) fn canonical(&self, settings: &Settings) -> World {
         let span = settings.late + settings.remembered + settings.every * 3;
         let oldest = NOW.before(span);
-        let gateway = self.gateway.map(|gateway| gateway.moved(|moment| moment.max(oldest)));
-        let action = match self.action {
-            Action::Nothing { until } => Action::Nothing { until: until.max(NOW) },
-            other => other,
-        };
-        World { gateway, action, ..self.clone() }
+        let gateway = self.gateway.map(|gateway| gateway.moved(|moment| moment.max(oldest), NOW));
+        World { gateway, ..self.clone() }
     }
 
     pub(crate) fn put_on_hold(&mut self, value: Counts) -> bool {
@@ -340,8 +412,8 @@ impl World {
     /// The set that it is in is read, and sent with what was read.
     pub(crate) fn goes_along(&mut self, settings: &Settings) -> Broken {
         self.answer_read(settings)?;
-        match self.action {
-            Action::Nothing { .. } => self.give(settings, Fact::GoesAlong),
+        match self.action() {
+            Action::Nothing { .. } if self.interlock == Condition::Met => self.give(settings, Fact::GoesAlong),
             _ => Ok(()),
         }
     }
@@ -365,6 +437,7 @@ impl World {
     pub(crate) fn runs_out(&self, settings: &Settings) -> Result<u64, String> {
         let mut world = self.clone();
         world.held = [None; 2];
+        world.interlock = Condition::Met;
         let mut rested = 0;
         let longest = 2 * settings.late.as_secs() + 2 * settings.limit.unsigned_abs() + 16;
         for second in 0..longest {
@@ -378,11 +451,11 @@ impl World {
             }
             world.second(settings, true)?;
         }
-        let account = world.gateway.and_then(|gateway| gateway.shown(settings).account);
+        let account = world.shown(settings).and_then(|shown| shown.account);
         if rested == longest {
             return Err(format!("it never comes to rest: {} stands there, {world:?}", world.register));
         }
-        if world.gateway.is_some_and(|gateway| gateway.shown(settings).is_untaken) {
+        if world.shown(settings).is_some_and(|shown| shown.is_untaken) {
             return Err(
                 "what is wanted stands there, and it is said that the register does not take it".to_owned()
             );
@@ -398,11 +471,11 @@ impl World {
         if self.gateway.is_none() {
             self.start(settings);
         }
-        match self.action {
+        match self.action() {
             Action::Read => self.answer_read(settings)?,
             Action::Keep => {
-                self.keep(settings, self.gateway.map(|gateway| gateway.kept()));
-                self.give(settings, Fact::Kept)?;
+                self.keep(settings, self.gateway.map(|gateway| gateway.state().kept()));
+                self.give(settings, Input::OnDisk)?;
             }
             Action::Write { .. } => {
                 let value = self.write(settings)?.unwrap_or_default();
@@ -423,7 +496,7 @@ impl World {
 
     /// The restart has been read, and is on disk.
     fn notices_restart(&mut self, settings: &Settings) {
-        let known = self.gateway.and_then(|gateway| gateway.kept().account);
+        let known = self.gateway.and_then(|gateway| gateway.state().kept().account);
         let is_kept = known == self.disk.and_then(|kept| kept.account);
         self.is_restarted &=
             !(is_kept && known.is_none_or(|account| settings.is_zero(account.base + account.share)));
@@ -433,7 +506,7 @@ impl World {
     /// Where only a person can decide, he makes the register right and arms when it is shown so. Whether he did anything.
     /// `at_once`: he does not wait until it is.
     pub(crate) fn persons_turn(&mut self, settings: &Settings, at_once: bool) -> Result<bool, String> {
-        let Some(shown) = self.gateway.map(|gateway| gateway.shown(settings)) else { return Ok(false) };
+        let Some(shown) = self.shown(settings) else { return Ok(false) };
         let stands = shown.verified.map(|seen| seen.value);
         let is_beyond = !settings.is_shared && (self.register - settings.bias).abs() > settings.limit;
         if shown.standing != Standing::Barred && !(shown.standing == Standing::Off && is_beyond) {
@@ -462,7 +535,8 @@ impl World {
         let is_due = stands == Some(right) || at_once;
         if is_due {
             self.takes_over(settings);
-            self.give(settings, Fact::Armed { by: Who::Person })?;
+            self.armed = Some(Who::Person);
+            self.give(settings, self.demand(None))?;
         }
         Ok(is_due)
     }
@@ -473,14 +547,33 @@ impl World {
         if self.gateway.is_none() {
             return Ok(());
         }
+        let mode = self.mode(settings, is_fresh);
         if is_fresh {
             self.order = Some(1);
-            let (offset, target) = (self.decides(settings), Some(self.wanted));
-            return self.give(settings, Fact::Decided { offset, target, not_after: NOW.after(SECOND) });
         }
-        match self.action {
-            Action::Nothing { until } if until <= NOW => self.give(settings, Fact::Look),
-            _ => Ok(()),
+        let not_after = self.order.map_or(NOW.before(SECOND), |left| NOW.after(SECOND * u32::try_from(left).unwrap()));
+        let decision = match mode {
+            Mode::Follow => Some((self.decides(settings), self.wanted)),
+            // Without a guard nothing is decided while readings are stale.
+            Mode::Hold | Mode::Finish => self.guard.map(|guard| (guard, guard)),
+        };
+        self.target = decision.map_or(self.target, |(_, target)| target);
+        let decision = decision
+            .map(|(offset, target)| Demanded { offset, target: Some(target), at: NOW, not_after, mode });
+        let is_due = decision.is_some() || self.wakes() <= NOW;
+        if is_due && matches!(self.action(), Action::Nothing { .. }) {
+            return self.give(settings, self.demand(decision));
+        }
+        Ok(())
+    }
+
+    /// What the axis does: it holds while its readings are stale, and while its output is in trouble or locked.
+    fn mode(&self, settings: &Settings, is_fresh: bool) -> Mode {
+        let health = self.gateway.and_then(|gateway| gateway.health(settings, self.interlock));
+        match health {
+            _ if !is_fresh => Mode::Hold,
+            Some(OutputHealth::Unverified | OutputHealth::Interlocked) if self.guard.is_some() => Mode::Hold,
+            _ => Mode::Follow,
         }
     }
 }
@@ -504,6 +597,7 @@ pub(crate) fn settings(is_shared: bool, limit: i64, late: u64) -> Settings {
         refresh: None,
         is_shared,
         verify: Verify::Reading,
+        applied: None,
         rules: isotherm_core::output::Rules::default(),
     }
 }

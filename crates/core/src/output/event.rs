@@ -4,6 +4,8 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use super::follow::Cause;
+use super::kept::Account;
 use crate::quantity::{Counts, Moment};
 
 /// Something that happened. Values are counts of the register.
@@ -75,6 +77,43 @@ pub enum Event {
     },
     /// What must be on disk before anything is sent cannot be kept there.
     DiskDoesNotKeep,
+    /// The decision of the axis is beyond the range of the register.
+    Saturated {
+        /// Register value that was decided.
+        value: Counts,
+    },
+    /// The interlock does not allow writing.
+    Interlocked,
+    /// The interlock allows writing again.
+    Released,
+    /// The turn came too late for the last decision.
+    Late {
+        /// Last moment of the decision.
+        not_after: Moment,
+    },
+    /// The axis is to resume from the verified value.
+    TakeOver {
+        /// Why.
+        cause: Cause,
+    },
+    /// A write is verified.
+    Written,
+    /// The register did not hold what was written, and still does not.
+    StillUntaken,
+    /// The register holds what it should, and can be written again.
+    Recovered {
+        /// It had not held what was written at the end of an earlier turn.
+        was_untaken: bool,
+    },
+    /// The control does not apply the register value in its time.
+    NotApplied,
+    /// The division of a shared register is known and on disk.
+    Opened {
+        /// Operator offset and gateway share.
+        account: Account,
+    },
+    /// Only the operator can say how the register value divides. The axis is off.
+    Question,
 }
 
 impl Event {

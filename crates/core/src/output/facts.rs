@@ -59,6 +59,7 @@ pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Mome
             state.drop_order(settings);
             state.reports.report_disk();
         }
+        Fact::Lapsed => state.drop_order(settings),
         Fact::Restarted => restarted(state, settings, now),
         Fact::Interlocked => {
             state.is_interlocked = true;

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+use super::applied::AppliedSettings;
 use crate::quantity::Counts;
 
 /// One output. Counts are those of the register; whoever calls converts from µm.
@@ -29,6 +30,9 @@ pub struct Settings {
     pub is_shared: bool,
     /// How a write is known to stand there.
     pub verify: Verify,
+    /// Register in which the control says what it applies, if there is one.
+    #[serde(default)]
+    pub applied: Option<AppliedSettings>,
     /// All of them, outside of the search that shows what each is for.
     #[serde(skip)]
     pub rules: Rules,

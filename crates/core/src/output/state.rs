@@ -206,7 +206,7 @@ impl State {
     /// What should stand there: what was answered as done last, else what was verified last.
     pub(super) fn expected(&self) -> Option<Counts> {
         let from_disk = || self.account.map(|account| account.base + account.share);
-        self.answered.or(self.verified.map(|verified| verified.value)).or_else(from_disk)
+        self.acknowledged().or_else(from_disk)
     }
 
     /// Our share stands there, or something of ours may still arrive.
@@ -251,6 +251,22 @@ impl State {
             self.order.is_some_and(|order| now <= order.not_after && !self.is_at(settings, order.offset));
         let is_driven = self.standing == Standing::Armed && !self.is_interlocked;
         is_driven && now >= self.writes_from && (is_wanted || self.untaken.is_some())
+    }
+
+    /// Returns whether a write was answered as done that no read has shown yet.
+    pub(super) fn has_answered(&self) -> bool {
+        self.answered.is_some()
+    }
+
+    /// Register value that was answered as done last, else verified last.
+    pub(super) fn acknowledged(&self) -> Option<Counts> {
+        self.answered.or(self.verified.map(|verified| verified.value))
+    }
+
+    /// Last moment of a change that was decided and not sent, if that has passed.
+    pub(super) fn overdue(&self, settings: &Settings, now: Moment) -> Option<Moment> {
+        let order = self.order.filter(|order| now > order.not_after && !self.is_at(settings, order.offset));
+        order.filter(|_| settings.rules.last_moment).map(|order| order.not_after)
     }
 
     /// A value is on disk that is about to be sent, or is to be: without it nothing is.

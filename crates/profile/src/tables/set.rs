@@ -4,6 +4,8 @@
 //! in one request where the registers allow it; a sequence word that changes last says "a new set is whole"; and a
 //! handshake (strobe up, acknowledge up, strobe down, acknowledge down) asks the control to take it.
 
+use std::time::Duration;
+
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -14,6 +16,7 @@ use super::output::share::Share;
 use super::register::{Notation, holding};
 use super::{At, Check};
 use crate::document::{Json, Section};
+use crate::wording::duration_text;
 use crate::{DeviceId, OutputId, Profile, SetId};
 use isotherm_core::codec::{Address, DataType, Node, Register, Table};
 use words::RawVersion;
@@ -158,6 +161,22 @@ impl OutputSet {
         own.into_iter().flatten().filter_map(|(word, at)| Some((word, at.node()?)))
     }
 
+    /// Returns whether heartbeat and control word may be written without the members: the control does not take the set as a whole.
+    pub fn has_own_words_apart(&self) -> bool {
+        let is_whole = self.sequence.is_some() || self.complement.is_some() || self.handshake.is_some();
+        !is_whole && (self.heartbeat.is_some() || self.control.is_some())
+    }
+
+    /// How long heartbeat and control word can wait for a write that may still arrive, if they are written with the members only: until
+    /// it cannot arrive any more, until the next read shows that, and until the next set.
+    fn longest_silence(&self, profile: &Profile) -> Option<Duration> {
+        let has_own = self.heartbeat.is_some() || self.control.is_some();
+        (has_own && !self.has_own_words_apart()).then(|| {
+            let refresh = self.members(profile).filter_map(|output| output.refresh).min();
+            profile.bus(profile.device(self.device).bus).late + refresh.unwrap_or_default() + Duration::from_secs(1)
+        })
+    }
+
     /// What lands together: its requests, its sequence and check word, its handshake.
     pub(crate) fn preview(&self, profile: &Profile) -> Section {
         let device = profile.device(self.device);
@@ -202,6 +221,13 @@ impl OutputSet {
             let at = self.own().find(|(own, _)| *own == key).map(|(_, at)| notation(&at));
             section.lines("", at.map(|at| format!("    {key} {at}: {meaning}")));
         }
+        let silence = self.longest_silence(profile);
+        section.lines("", silence.map(|silence| {
+            let span = duration_text(silence);
+            format!("    heartbeat and control word wait for a late write, {span} at most: the control's watchdog must be longer")
+        }));
+        let milliseconds = |span: Duration| u64::try_from(span.as_millis()).unwrap_or(u64::MAX);
+        section.entry("longest_silence_ms", silence.map(milliseconds));
         section.entry("what", what);
         section.entry("device", device);
         section.entry("outputs", outputs);

@@ -5,10 +5,12 @@ use std::io::Read;
 
 use csv::StringRecord;
 
-use super::{BEGIN, Beginning, CLOCK, CZ, FAILURES, FAULT, HEADER, SEALED, Towards, WRITES, action, fact};
+use super::{
+    BEGIN, Beginning, CLOCK, CZ, DemandDetail, FAILURES, FAULT, HEADER, SEALED, Towards, WRITES, action, input,
+};
 use crate::gateway::log::LogError;
 use crate::gateway::log::reader::unreadable;
-use isotherm_core::output::{Action, Fact};
+use isotherm_core::output::{Action, Fact, Input};
 use isotherm_core::quantity::{Counts, Moment, time};
 use isotherm_profile::regular::{self, Lines};
 
@@ -30,10 +32,10 @@ pub struct OutputRow {
 pub enum Entry {
     /// The output goes on from this.
     Begins(Box<Beginning>),
-    /// It took a fact, and asked for something.
+    /// Its controller took an input, and asked for something.
     Step {
-        /// What had happened.
-        fact: Fact,
+        /// The input.
+        input: Input,
         /// What was to be done next.
         action: Action,
     },
@@ -129,7 +131,7 @@ impl<R: Read> OutputLogReader<R> {
             }
             CZ | FAULT | WRITES | FAILURES | CLOCK | SEALED => Entry::Noted,
             _ => Entry::Step {
-                fact: self.with_target(line, self.named(line, (FACT, VALUE, MOMENT), fact)?)?,
+                input: self.with_detail(line, self.named(line, (FACT, VALUE, MOMENT), input)?)?,
                 action: self.named(line, (ACTION, ACTION_VALUE, ACTION_UNTIL), action)?,
             },
         };
@@ -143,6 +145,23 @@ impl<R: Read> OutputLogReader<R> {
         (what, value, moment): (usize, usize, usize),
         of: fn(&str, Option<Counts>, Moment) -> Option<T>,
     ) -> Result<T, LogError> {
+        let (count, at) = self.value_and_moment(line, value, moment)?;
+        let wrong = || match of(self.cell(what), Some(Counts(0)), at) {
+            Some(_) => {
+                self.error(line, value, format!("`{}` has a value, and none is here", self.cell(what)))
+            }
+            None => self.error(line, what, format!("`{}` is nothing that is known here", self.cell(what))),
+        };
+        of(self.cell(what), count, at).ok_or_else(wrong)
+    }
+
+    /// A value, if there is one, and a moment, which may never come.
+    fn value_and_moment(
+        &self,
+        line: u64,
+        value: usize,
+        moment: usize,
+    ) -> Result<(Option<Counts>, Moment), LogError> {
         let count = match self.cell(value) {
             "" => None,
             text => {
@@ -155,24 +174,25 @@ impl<R: Read> OutputLogReader<R> {
             "" => Moment::END,
             text => time::parse(text).map_err(|why| self.error(line, moment, why))?,
         };
-        let wrong = || match of(self.cell(what), Some(Counts(0)), at) {
-            Some(_) => {
-                self.error(line, value, format!("`{}` has a value, and none is here", self.cell(what)))
-            }
-            None => self.error(line, what, format!("`{}` is nothing that is known here", self.cell(what))),
-        };
-        of(self.cell(what), count, at).ok_or_else(wrong)
+        Ok((count, at))
     }
 
-    /// A decision with its target. Logs of versions before it have none.
-    fn with_target(&self, line: u64, fact: Fact) -> Result<Fact, LogError> {
-        Ok(match (fact, self.cell(DETAIL)) {
-            (Fact::Decided { offset, not_after, .. }, text) if !text.is_empty() => {
-                let Towards { target } =
-                    serde_json::from_str(text).map_err(|why| self.error(line, DETAIL, why))?;
-                Fact::Decided { offset, target: Some(target), not_after }
+    /// An input with its detail. Decisions of earlier versions have none.
+    fn with_detail(&self, line: u64, input: Input) -> Result<Input, LogError> {
+        let text = self.cell(DETAIL);
+        let wrong = |why: &dyn Display| self.error(line, DETAIL, why);
+        Ok(match input {
+            Input::Fact(Fact::Decided { offset, not_after, .. }) if !text.is_empty() => {
+                let Towards { target } = serde_json::from_str(text).map_err(|why| wrong(&why))?;
+                Input::Fact(Fact::Decided { offset, target: Some(target), not_after })
             }
-            (fact, _) => fact,
+            Input::Demand(_) => {
+                let detail: DemandDetail = serde_json::from_str(text).map_err(|why| wrong(&why))?;
+                let (offset, not_after) = self.value_and_moment(line, VALUE, MOMENT)?;
+                let demand = detail.demand(offset, not_after);
+                Input::Demand(demand.ok_or_else(|| wrong(&"a decision has an offset, and none is here"))?)
+            }
+            input => input,
         })
     }
 

@@ -3,10 +3,12 @@
 use std::fmt::Display;
 use std::io::Write;
 
-use super::{BEGIN, Beginning, CLOCK, CZ, FAILURES, FAULT, Towards, WRITES, cells_of_action, cells_of_fact};
+use super::{
+    BEGIN, Beginning, CLOCK, CZ, Detail, FAILURES, FAULT, WRITES, cells_of_action, cells_of_input,
+};
 use crate::clock::Correction;
 use crate::gateway::log::recorder::{cell, has_to_be_quoted, number};
-use isotherm_core::output::{Action, Fact};
+use isotherm_core::output::{Action, Input};
 use isotherm_core::quantity::{Micron, Moment, Shift, Shifted, time};
 
 /// Turns what happens to outputs into rows, each with its line break.
@@ -21,23 +23,23 @@ impl OutputRecorder {
     /// An output goes on from this.
     pub fn begin(&mut self, now: Moment, output: &str, beginning: &Beginning) -> &[u8] {
         // Numbers, names and lists of them always have a JSON form.
-        let state = beginning.state.shifted(self.shift);
-        let detail = serde_json::to_string(&Beginning { state, ..*beginning }).unwrap_or_default();
+        let (state, policy) = (beginning.state.shifted(self.shift), beginning.policy.shifted(self.shift));
+        let detail = serde_json::to_string(&Beginning { state, policy, ..*beginning }).unwrap_or_default();
         self.begins(now, output, BEGIN);
         self.ends(",,,,,,", &cell(&detail))
     }
 
-    /// An output took a fact, and asked for something.
-    pub fn step(&mut self, now: Moment, output: &str, fact: Fact, action: Action) -> &[u8] {
-        // A number always has a JSON form.
-        let target = Towards::of(fact).map(|towards| serde_json::to_string(&towards).unwrap_or_default());
-        let (fact, action) = (cells_of_fact(fact), cells_of_action(action));
+    /// A controller took an input, and asked for something.
+    pub fn step(&mut self, now: Moment, output: &str, input: Input, action: Action) -> &[u8] {
+        // Numbers and names always have a JSON form.
+        let detail = Detail::of(input, self.shift).map(|one| serde_json::to_string(&one).unwrap_or_default());
+        let (fact, action) = (cells_of_input(input), cells_of_action(action));
         self.begins(now, output, fact.0);
         self.value_and_moment(fact.1, fact.2);
         // Writing to a vector never fails.
         let _ = write!(self.line, ",{}", action.0);
         self.value_and_moment(action.1, action.2);
-        self.ends(",", &target.map_or(String::new(), |target| cell(&target)))
+        self.ends(",", &detail.map_or(String::new(), |detail| cell(&detail)))
     }
 
     /// The Cz that went into a position is another one.

@@ -1,14 +1,14 @@
-//! Takes the facts of a log in again, and compares what is to be done next.
+//! Gives the inputs of a log to the controllers again, and compares what is to be done next.
 
 use std::collections::BTreeMap;
 
-use super::{Beginning, Entry, OutputRow, message};
-use isotherm_core::output::step;
+use super::{Entry, OutputRow, message};
+use isotherm_core::output::{Controller, Settings};
 
 /// The outputs of a log as they go on.
 #[derive(Clone, Debug, Default)]
 pub struct OutputReplay {
-    running: BTreeMap<String, Box<Beginning>>,
+    running: BTreeMap<String, Box<(Settings, Controller)>>,
 }
 
 /// What a row came to.
@@ -32,17 +32,19 @@ pub enum Replayed {
 impl OutputReplay {
     /// Takes the next row in.
     pub fn row(&mut self, row: &OutputRow) -> Replayed {
-        let (fact, recorded) = match &row.entry {
+        let (input, recorded) = match &row.entry {
             Entry::Begins(beginning) => {
-                self.running.insert(row.output.clone(), beginning.clone());
+                let controller = Controller::resumed(beginning.state, beginning.policy);
+                self.running.insert(row.output.clone(), Box::new((beginning.settings, controller)));
                 return Replayed::Nothing;
             }
             Entry::Noted => return Replayed::Nothing,
-            Entry::Step { fact, action } => (*fact, *action),
+            Entry::Step { input, action } => (*input, *action),
         };
         let Some(running) = self.running.get_mut(&row.output) else { return Replayed::Unknown };
-        let replayed = step(&mut running.state, &running.settings, fact, row.now);
-        let _ = running.state.take_events();
+        let (settings, controller) = &mut **running;
+        let replayed = controller.step(settings, input, row.now);
+        let _ = controller.take_events();
         if replayed == recorded {
             return Replayed::Same;
         }

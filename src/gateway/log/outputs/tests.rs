@@ -3,7 +3,7 @@ use std::time::Duration;
 use proptest::prelude::*;
 
 use super::*;
-use isotherm_core::output::{Rules, Verify, step};
+use isotherm_core::output::{Controller, Rules, Verify};
 use isotherm_core::quantity::Micron;
 
 const NOON: Moment = Moment::from_nanos(1_767_614_400_000_000_000);
@@ -23,44 +23,43 @@ fn settings(is_shared: bool) -> Settings {
         refresh: (!is_shared).then_some(Duration::from_secs(10)),
         is_shared,
         verify: Verify::Reading,
+        applied: None,
         rules: Rules::default(),
     }
 }
 
-fn facts() -> Vec<Fact> {
-    let bare = [
-        Fact::Look,
-        Fact::GoesAlong,
-        Fact::NoAnswer,
-        Fact::Refused,
-        Fact::NotSent,
-        Fact::Kept,
-        Fact::NotKept,
-        Fact::Restarted,
-        Fact::Interlocked,
-        Fact::Released,
-        Fact::Armed { by: Who::Person },
-        Fact::Armed { by: Who::Policy },
-        Fact::Off,
-        Fact::Paused,
-    ];
+fn inputs() -> Vec<Input> {
+    let demand = |at: Moment, value: i64, armed| {
+        let decision = |target, mode| {
+            Some(Demanded { offset: Counts(value), target, at: NOON, not_after: at, mode })
+        };
+        let of = |interlock, decision| Input::Demand(Demand { armed, interlock, decision, restarts: 7, pauses: 0 });
+        [
+            of(Condition::Met, decision(Some(Counts(value.wrapping_neg())), Mode::Follow)),
+            of(Condition::NotMet, decision(None, Mode::Hold)),
+            of(Condition::Unknown, decision(None, Mode::Finish)),
+        ]
+    };
+    let none = Demand { armed: None, interlock: Condition::Met, decision: None, restarts: 0, pauses: 3 };
     let reported = MOMENTS.into_iter().flat_map(|at| {
         let valued = VALUES.into_iter().flat_map(move |value| {
-            [
+            let towards = Some(Counts(value.wrapping_neg()));
+            let facts = [
                 Fact::Decided { offset: Counts(value), target: None, not_after: at },
-                Fact::Decided {
-                    offset: Counts(value),
-                    target: Some(Counts(value.wrapping_neg())),
-                    not_after: at,
-                },
+                Fact::Decided { offset: Counts(value), target: towards, not_after: at },
                 Fact::Read { found: Counts(value), asked: at },
                 Fact::WentAlong { value: Counts(value), left: at, is_done: true },
                 Fact::WentAlong { value: Counts(value), left: at, is_done: false },
-            ]
+            ];
+            let armed = [None, Some(Who::Person), Some(Who::Policy)];
+            let demands = armed.into_iter().flat_map(move |armed| demand(at, value, armed));
+            facts.map(Input::Fact).into_iter().chain(demands).chain([Input::Applied { found: Some(value), asked: at }])
         });
-        valued.chain([Fact::Done { left: at }, Fact::Unknown { left: at }])
+        let facts = [Fact::Done { left: at }, Fact::Unknown { left: at }].map(Input::Fact);
+        let applied = [Input::Applied { found: None, asked: at }, Input::AppliedNoAnswer { asked: at }];
+        valued.chain(facts).chain(applied)
     });
-    bare.into_iter().chain(reported).collect()
+    PLAIN.map(|(_, input)| input).into_iter().chain([Input::Demand(none)]).chain(reported).collect()
 }
 
 fn actions() -> Vec<Action> {
@@ -88,65 +87,79 @@ fn replayed(log: &str) -> Vec<(u64, Replayed)> {
 }
 
 /// Two outputs that are given what chance gives them, and do as they are told most of the time.
-fn log_of(chances: &[u8]) -> (String, [State; 2]) {
+fn log_of(chances: &[u8]) -> (String, [Controller; 2]) {
     let settings = [settings(false), settings(true)];
-    let mut states = settings.map(|settings| State::new(&settings, None, NOON));
+    let mut running =
+        settings.map(|settings| Controller::new(&settings, State::new(&settings, None, NOON), 0, NOON));
     let mut known = [None; 2];
     let mut asked = [Action::Nothing { until: NOON }; 2];
     let mut recorder = OutputRecorder::default();
     let mut log = HEADER.as_bytes().to_vec();
-    let any = facts();
+    let any = inputs();
     for (place, chance) in chances.iter().enumerate() {
         let which = place % 2;
         let now = NOON.after(Duration::from_millis(37 * u64::try_from(place).unwrap()));
-        let before = states[which];
-        let found = before.kept().stood.unwrap_or_default() + Counts(i64::from(*chance == 7));
-        let fact = match (asked[which], chance % 8) {
-            (_, 0) => any[usize::from(*chance) % any.len()],
-            (Action::Read, _) => Fact::Read { found, asked: now },
-            (Action::Keep, _) => Fact::Kept,
-            (Action::Write { .. }, 1) => Fact::Unknown { left: now },
-            (Action::Write { .. }, _) => Fact::Done { left: now },
-            (Action::Nothing { .. }, 1) => Fact::Armed { by: Who::Person },
-            (Action::Nothing { .. }, 2) => Fact::Decided {
-                offset: Counts(i64::from(*chance) / 8),
-                target: chance.is_multiple_of(3).then_some(Counts(i64::from(*chance) / 4)),
-                not_after: now.after(Duration::from_secs(1)),
-            },
-            (Action::Nothing { .. }, _) => Fact::Look,
+        let before = running[which];
+        let found = before.state().kept().stood.unwrap_or_default() + Counts(i64::from(*chance == 7));
+        let decision = Demanded {
+            offset: Counts(i64::from(*chance) / 8),
+            target: chance.is_multiple_of(3).then_some(Counts(i64::from(*chance) / 4)),
+            at: now,
+            not_after: now.after(Duration::from_secs(1)),
+            mode: [Mode::Follow, Mode::Hold, Mode::Finish][usize::from(*chance) % 3],
         };
-        let action = step(&mut states[which], &settings[which], fact, now);
-        let _ = states[which].take_events();
-        asked[which] = action;
-        if matches!(action, Action::Nothing { .. }) && before == states[which] {
+        let demand = Demand {
+            armed: Some(Who::Person),
+            interlock: if *chance == 50 { Condition::NotMet } else { Condition::Met },
+            decision: Some(decision).filter(|_| *chance % 8 == 2),
+            restarts: 0,
+            pauses: 0,
+        };
+        let input = match (asked[which], chance % 8) {
+            (_, 0) => any[usize::from(*chance) % any.len()],
+            (Action::Read, _) => Input::Fact(Fact::Read { found, asked: now }),
+            (Action::Keep, 1) => Input::Fact(Fact::NotKept),
+            (Action::Keep, _) => Input::OnDisk,
+            (Action::Write { .. }, 1) => Input::Fact(Fact::Unknown { left: now }),
+            (Action::Write { .. }, 5) if *chance > 100 => Input::NotSent(NotSent::TooLate),
+            (Action::Write { .. }, _) => Input::Fact(Fact::Done { left: now }),
+            (Action::Nothing { .. }, 1 | 2) => Input::Demand(demand),
+            (Action::Nothing { .. }, 3) => Input::TurnEnds,
+            (Action::Nothing { .. }, _) => Input::Fact(Fact::Look),
+        };
+        let action = running[which].step(&settings[which], input, now);
+        let _ = running[which].take_events();
+        asked[which] = running[which].action();
+        if matches!(action, Action::Nothing { .. }) && before == running[which] {
             continue;
         }
         let name = ["cnc_z", "the plc's, \"z\""][which];
         if known[which] != Some(before) && (known[which].is_none() || *chance == 9) {
-            let beginning = Beginning { settings: settings[which], state: before };
+            let (state, policy) = (*before.state(), *before.policy());
+            let beginning = Beginning { settings: settings[which], state, policy };
             log.extend_from_slice(recorder.begin(now, name, &beginning));
         }
-        known[which] = Some(states[which]);
-        log.extend_from_slice(recorder.step(now, name, fact, action));
+        known[which] = Some(running[which]);
+        log.extend_from_slice(recorder.step(now, name, input, action));
     }
-    (String::from_utf8(log).unwrap(), states)
+    (String::from_utf8(log).unwrap(), running)
 }
 
 #[test]
 fn every_fact_and_every_action_is_read_as_it_was_written() {
     let mut recorder = OutputRecorder::default();
     let mut log = HEADER.to_owned();
-    let (facts, actions) = (facts(), actions());
+    let (inputs, actions) = (inputs(), actions());
     let pairs: Vec<_> =
-        facts.iter().zip(actions.iter().cycle()).chain(facts.iter().cycle().zip(&actions)).collect();
-    for (place, (fact, action)) in pairs.iter().enumerate() {
-        let row = recorder.step(MOMENTS[place % 3], "cnc_z", **fact, **action);
+        inputs.iter().zip(actions.iter().cycle()).chain(inputs.iter().cycle().zip(&actions)).collect();
+    for (place, (input, action)) in pairs.iter().enumerate() {
+        let row = recorder.step(MOMENTS[place % 3], "cnc_z", **input, **action);
         log += std::str::from_utf8(row).unwrap();
     }
     let rows = rows(&log).unwrap();
     assert_eq!(rows.len(), pairs.len());
-    for (place, (row, (fact, action))) in rows.iter().zip(pairs).enumerate() {
-        assert_eq!(row.entry, Entry::Step { fact: *fact, action: *action }, "line {}", row.line);
+    for (place, (row, (input, action))) in rows.iter().zip(pairs).enumerate() {
+        assert_eq!(row.entry, Entry::Step { input: *input, action: *action }, "line {}", row.line);
         assert_eq!((row.now, row.output.as_str()), (MOMENTS[place % 3], "cnc_z"));
     }
 }
@@ -155,10 +168,10 @@ fn every_fact_and_every_action_is_read_as_it_was_written() {
 fn a_row_looks_like_this() {
     let mut recorder = OutputRecorder::default();
     let at = NOON.after(Duration::from_micros(1500));
-    let fact = Fact::Read { found: Counts(120), asked: NOON };
+    let input = Input::Fact(Fact::Read { found: Counts(120), asked: NOON });
     let action = Action::Write { value: Counts(121), not_after: at, is_repeat: false };
     assert_eq!(
-        std::str::from_utf8(recorder.step(at, "cnc_z", fact, action)).unwrap(),
+        std::str::from_utf8(recorder.step(at, "cnc_z", input, action)).unwrap(),
         "2026-01-05T12:00:00.001500000Z,cnc_z,read,120,2026-01-05T12:00:00.000000000Z,write,121,\
          2026-01-05T12:00:00.001500000Z,\n"
     );
@@ -183,16 +196,17 @@ proptest! {
     fn whatever_an_output_was_given_its_log_gives_its_actions_again(
         chances in prop::collection::vec(any::<u8>(), 1..400)
     ) {
-        let (log, states) = log_of(&chances);
+        let (log, running) = log_of(&chances);
         let mut replay = OutputReplay::default();
         for row in rows(&log).unwrap() {
             let came = replay.row(&row);
             prop_assert!(matches!(came, Replayed::Same | Replayed::Nothing), "line {}: {came:?}\n{log}", row.line);
         }
-        for state in states {
-            let text = serde_json::to_string(&state).unwrap();
-            let again: State = serde_json::from_str(&text).unwrap();
-            prop_assert_eq!(again.moved(|at| at), state.moved(|at| at));
+        for controller in running {
+            let texts = (serde_json::to_string(controller.state()), serde_json::to_string(controller.policy()));
+            let state = serde_json::from_str(&texts.0.unwrap()).unwrap();
+            let again = Controller::resumed(state, serde_json::from_str(&texts.1.unwrap()).unwrap());
+            prop_assert_eq!(again.moved(|at| at, NOON), controller.moved(|at| at, NOON));
         }
     }
 }

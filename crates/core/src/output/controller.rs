@@ -1,0 +1,561 @@
+//! Controller of one output: everything that decides what is sent to its register, when, and what the results mean.
+//!
+//! [`step`](super::step) decides about the register. The controller decides around it: which decision of the axis the register
+//! step gets, when the axis resumes from the register value, what a failure means, and what the interlock, the applied value and
+//! the set of the output allow. The caller gives inputs and executes actions. It decides nothing.
+//!
+//! ```text
+//! Demand ─► action ─► exchange ─► result ─► action ─► … ─► Nothing ─► TurnEnds
+//! ```
+//!
+//! # How it follows its axis
+//! | state | what happens | next |
+//! |---|---|---|
+//! | any | the axis holds, and the register does not hold its offset | `TakeOver`, once for each register value |
+//! | any | own write arrived late, control restarted, interlock closed, failure over, disk keeps again | `TakeOver` |
+//! | any but `TakeOver` | the last moment of a decision of the model passed | `Late` |
+//! | any but `TakeOver` | the last moment of a fault action passed | `TakeOver` |
+//! | any but `TakeOver` | the turn ends, and a change waits for a late write | `Waiting` |
+//! | `Waiting` | the turn ends, and no change waits | `TakeOver` |
+//! | `Late`, `HoldAt` | another decision | `Target` |
+//! | `TakeOver` | the turn ends, armed and without trouble | `HoldAt`; the axis resumes from the verified value |
+
+use std::mem::{replace, take};
+
+use serde::{Deserialize, Serialize};
+
+use super::applied::Applied;
+use super::demand::{Condition, Demand, Demanded, Input, Mode, NotSent, SetCommit};
+use super::follow::{Cause, Follow, OutputHealth, Trouble};
+use super::reports::{Said, Topic};
+use super::settings::{Settings, Verify};
+use super::slots::Slots;
+use super::standing::Standing;
+use super::{Action, Event, Fact, State, step};
+use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
+
+/// Room for the events of one input.
+pub const MOST_EVENTS: usize = 24;
+
+/// One output with everything that decides about it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Controller {
+    state: State,
+    policy: Policy,
+    events: Slots<Event, MOST_EVENTS>,
+}
+
+/// What a controller knows beside the state of its register.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Policy {
+    /// The exchange that was asked for and has no result.
+    action: Action,
+    inputs: LastInputs,
+    follow: Follow,
+    mode: Mode,
+    trouble: Option<Trouble>,
+    applied: Applied,
+    set: SetCommit,
+    said: Said,
+}
+
+/// What was demanded last.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+struct LastInputs {
+    is_armed: bool,
+    restarts: u64,
+    pauses: u64,
+    decided: Moment,
+}
+
+shifted!(LastInputs: decided);
+shifted!(Policy: action, inputs, applied);
+
+impl Shifted for Controller {
+    fn shift(&mut self, by: Shift) {
+        self.state.shift(by);
+        self.policy.shift(by);
+    }
+}
+
+impl Controller {
+    /// Controller of a register at a start. `pauses`: pauses of the computer so far.
+    pub fn new(settings: &Settings, state: State, pauses: u64, now: Moment) -> Controller {
+        let mut policy = Policy { inputs: LastInputs { pauses, ..LastInputs::default() }, ..Policy::default() };
+        if is_open(&state, settings) {
+            policy.said.first(Topic::Division);
+        }
+        policy.action = Action::Nothing { until: now };
+        Controller::resumed(state, policy)
+    }
+
+    /// Controller that resumes from a record.
+    pub fn resumed(state: State, policy: Policy) -> Controller {
+        Controller { state, policy, events: Slots::default() }
+    }
+
+    /// Ends every exchange that another task had begun and that has no result.
+    pub fn interrupted(&mut self, settings: &Settings, now: Moment) {
+        let ends = [Fact::Paused, Fact::Unknown { left: now }, Fact::NoAnswer, Fact::NotKept, Fact::NoAnswer];
+        for fact in ends {
+            let _ = step(&mut self.state, settings, fact, now);
+        }
+        self.policy.action = Action::Nothing { until: now };
+        debug_assert!(!self.state.is_asking(), "every open action has ended");
+    }
+
+    /// State of the register.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// State of the register, for the end of a run.
+    pub fn state_mut(&mut self) -> &mut State {
+        &mut self.state
+    }
+
+    /// What the controller knows beside the register.
+    pub fn policy(&self) -> &Policy {
+        &self.policy
+    }
+
+    /// How the output follows its axis.
+    pub fn follow(&self) -> Follow {
+        self.policy.follow
+    }
+
+    /// Why the register does not hold what was decided.
+    pub fn trouble(&self) -> Option<Trouble> {
+        self.policy.trouble
+    }
+
+    /// The exchange that was asked for and has no result.
+    pub fn action(&self) -> Action {
+        self.policy.action
+    }
+
+    /// Events since this was last called.
+    pub fn take_events(&mut self) -> Slots<Event, MOST_EVENTS> {
+        take(&mut self.events)
+    }
+
+    /// Returns whether the axis is armed and the interlock closed.
+    pub fn is_driven(&self) -> bool {
+        self.policy.inputs.is_armed && !self.state.is_interlocked()
+    }
+
+    /// Returns whether the axis is armed.
+    pub fn is_armed(&self) -> bool {
+        self.policy.inputs.is_armed
+    }
+
+    /// Returns whether the control may not have taken what the registers of its set hold.
+    pub fn is_bound(&self) -> bool {
+        self.policy.set != SetCommit::Taken
+    }
+
+    /// Register value as last verified. The bias, if it is not known.
+    pub fn held(&self, settings: &Settings) -> Counts {
+        self.state.shown(settings).verified.map_or(settings.bias, |seen| seen.value)
+    }
+
+    /// Returns whether this must be on disk before anything is sent: a value that is about to be sent, or a division of the
+    /// register value that was not reported.
+    pub fn must_keep(&self, settings: &Settings) -> bool {
+        let mut said = self.policy.said;
+        let has_to_report = is_open(&self.state, settings) && said.first(Topic::Division);
+        settings.promises() && (self.state.is_promising() || has_to_report)
+    }
+
+    /// What the output is known to hold. `None` until its register was read.
+    pub fn health(&self, settings: &Settings, interlock: Condition) -> Option<OutputHealth> {
+        let shown = self.state.shown(settings);
+        let _ = shown.verified?;
+        Some(match (shown.standing, interlock) {
+            (Standing::Barred, _) => OutputHealth::Foreign,
+            (_, Condition::NotMet) if self.state.is_interlocked() => OutputHealth::Interlocked,
+            (_, Condition::Unknown) if self.state.is_interlocked() => OutputHealth::Unverified,
+            _ if self.policy.trouble.is_some() => OutputHealth::Unverified,
+            _ => OutputHealth::Verified,
+        })
+    }
+
+    /// Takes an input and returns the exchange that it asks for. While another one has no result, that is nothing.
+    pub fn step(&mut self, settings: &Settings, input: Input, now: Moment) -> Action {
+        let before = self.policy.action;
+        match input {
+            Input::Demand(demand) => self.demand(settings, &demand, now),
+            Input::Fact(fact) => self.result(settings, fact, now),
+            Input::NotSent(why) => self.not_sent(settings, why, now),
+            Input::OnDisk => self.on_disk(settings, now),
+            Input::Applied { found, asked } => self.applied(settings, found, asked),
+            Input::AppliedNoAnswer { asked } => self.applied_no_answer(asked),
+            Input::Set(commit) => self.set(settings, commit),
+            Input::TurnEnds => self.turn_ends(settings, now),
+        }
+        if let (Some(_), Some(value)) = (&settings.applied, self.state.acknowledged()) {
+            self.policy.applied.register_is(value, now);
+        }
+        let is_open = !matches!(before, Action::Nothing { .. }) && !input.is_result();
+        if is_open && self.policy.action == before { Action::Nothing { until: Moment::END } } else { self.policy.action }
+    }
+
+    /// When the control is to be asked what it applies.
+    pub fn applied_due(&self, settings: &Settings) -> Moment {
+        settings.applied.map_or(Moment::END, |applied| self.policy.applied.due(&applied, settings.every))
+    }
+
+    fn demand(&mut self, settings: &Settings, demand: &Demand, now: Moment) {
+        if replace(&mut self.policy.inputs.pauses, demand.pauses) != demand.pauses {
+            self.give(settings, Fact::Paused, now);
+        }
+        if replace(&mut self.policy.inputs.restarts, demand.restarts) != demand.restarts {
+            self.give(settings, Fact::Restarted, now);
+        }
+        let is_armed = demand.armed.is_some();
+        let was_armed = replace(&mut self.policy.inputs.is_armed, is_armed);
+        if is_armed {
+            // The interlock comes first: arming alone can ask for a write.
+            self.interlock(settings, demand.interlock, now);
+        }
+        if was_armed != is_armed {
+            if is_armed {
+                self.policy.said.over(Topic::Question);
+            }
+            // A device that does not answer still does not.
+            self.policy.trouble = self.policy.trouble.filter(|trouble| *trouble == Trouble::Link);
+            let fact = demand.armed.map_or(Fact::Off, |by| Fact::Armed { by });
+            self.give(settings, fact, now);
+        }
+        if !is_armed {
+            self.interlock(settings, demand.interlock, now);
+        }
+        if !is_armed && self.policy.follow == Follow::Late {
+            self.policy.follow = Follow::Target;
+        }
+        let may_decide = is_armed && demand.interlock == Condition::Met && !self.is_bound();
+        if let Some(decision) = demand.decision.filter(|_| may_decide && !self.is_unapplied(settings))
+            && replace(&mut self.policy.inputs.decided, decision.at) != decision.at
+        {
+            self.decide(settings, &decision, now);
+        }
+        self.give(settings, Fact::Look, now);
+    }
+
+    /// Whatever happened while the interlock was open, the axis resumes from the register value when it closes.
+    fn interlock(&mut self, settings: &Settings, condition: Condition, now: Moment) {
+        let is_armed = self.policy.inputs.is_armed;
+        let is_held = is_armed && condition != Condition::Met;
+        // If the condition is not known, the lost signal is reported.
+        if is_held && condition == Condition::NotMet && self.policy.said.first(Topic::Interlock) {
+            self.report(Event::Interlocked);
+        }
+        if !is_held && self.policy.said.over(Topic::Interlock) && is_armed {
+            self.report(Event::Released);
+        }
+        if is_held != self.state.is_interlocked() {
+            self.give(settings, if is_held { Fact::Interlocked } else { Fact::Released }, now);
+            if !is_held {
+                self.policy.follow.take_over();
+            }
+        }
+    }
+
+    /// Takes another decision. An axis that holds decides nothing: it resumes from the register value.
+    fn decide(&mut self, settings: &Settings, decision: &Demanded, now: Moment) {
+        if self.policy.follow == Follow::Late {
+            self.policy.follow = Follow::Target;
+        }
+        self.policy.mode = decision.mode;
+        self.check_range(settings, decision.offset);
+        let is_changed = !self.state.is_at(settings, decision.offset);
+        let is_untaken = self.policy.trouble.is_some_and(Trouble::is_untaken);
+        // What an axis holds while its register does not take it is sent again.
+        if is_changed && decision.mode == Mode::Hold && !is_untaken {
+            let verified = self.state.shown(settings).verified.map(|seen| seen.value);
+            if verified.is_some_and(|value| self.policy.follow != Follow::HoldAt(value)) {
+                self.policy.follow.take_over();
+            }
+            return self.give(settings, Fact::Lapsed, now);
+        }
+        if matches!(self.policy.follow, Follow::HoldAt(_)) {
+            self.policy.follow = Follow::Target;
+        }
+        if self.policy.trouble == Some(Trouble::Disk) {
+            // When the disk keeps again, the axis resumes from the register value.
+            return self.give(settings, Fact::Lapsed, now);
+        }
+        if is_changed && now > decision.not_after {
+            return self.lapsed(decision.not_after);
+        }
+        let Demanded { offset, target, not_after, .. } = *decision;
+        self.give(settings, Fact::Decided { offset, target, not_after }, now);
+    }
+
+    /// Reports a decision that the register cannot hold.
+    fn check_range(&mut self, settings: &Settings, offset: Counts) {
+        let account = self.state.shown(settings).account;
+        let value = account.map_or(settings.bias, |account| account.base) + offset;
+        let (lowest, highest) = settings.range;
+        if (lowest..=highest).contains(&value) {
+            self.policy.said.over(Topic::Range);
+        } else if self.policy.said.first(Topic::Range) {
+            self.report(Event::Saturated { value });
+        }
+    }
+
+    /// The last moment of a decision has passed: its readings are too old. The next decision is sent. A fault action starts again
+    /// from the register value.
+    fn lapsed(&mut self, not_after: Moment) {
+        match self.policy.mode {
+            Mode::Follow => {
+                self.policy.follow.late();
+                self.report(Event::Late { not_after });
+            }
+            Mode::Hold | Mode::Finish => self.policy.follow.take_over(),
+        }
+    }
+
+    /// Takes a fact that is no result of an exchange of its own, or the result of one.
+    fn result(&mut self, settings: &Settings, fact: Fact, now: Moment) {
+        let is_shown = self.state.has_answered() && self.policy.inputs.is_armed;
+        match fact {
+            Fact::NoAnswer => self.fails(Trouble::Link),
+            Fact::Unknown { .. } => self.write_fails(Trouble::Unanswered),
+            Fact::Refused => self.write_fails(Trouble::Untaken),
+            _ => {}
+        }
+        if Input::Fact(fact).is_result() {
+            self.policy.action = Action::Nothing { until: now };
+        }
+        self.give(settings, fact, now);
+        match fact {
+            Fact::Done { .. } => self.answered(settings, settings.verify == Verify::Echo),
+            Fact::Read { .. } => self.answered(settings, is_shown),
+            Fact::NotKept => self.policy.trouble = self.policy.trouble.or(Some(Trouble::Disk)),
+            _ => {}
+        }
+    }
+
+    /// A request failed. A write that failed is worse than a read.
+    fn fails(&mut self, trouble: Trouble) {
+        let is_of_a_write = |known: Trouble| known.is_untaken() || known == Trouble::Unanswered;
+        if !self.policy.trouble.is_some_and(is_of_a_write) {
+            self.policy.trouble = Some(trouble);
+        }
+    }
+
+    /// A write failed. While the axis is off, the register only went along with others.
+    fn write_fails(&mut self, trouble: Trouble) {
+        if self.policy.inputs.is_armed {
+            self.fails(trouble);
+        }
+    }
+
+    /// An exchange was answered. `is_written`: it shows that what was written is in the register.
+    fn answered(&mut self, settings: &Settings, is_written: bool) {
+        if self.state.shown(settings).is_untaken {
+            let before = self.policy.trouble;
+            if before != Some(Trouble::Unanswered) && !before.is_some_and(Trouble::is_untaken) {
+                self.policy.trouble = Some(Trouble::Untaken);
+            }
+            if before.is_some_and(Trouble::is_untaken) {
+                self.report(Event::StillUntaken);
+            }
+            return;
+        }
+        if is_written {
+            self.report(Event::Written);
+        }
+        if !self.is_bound() && !self.is_unapplied(settings) {
+            self.recover();
+        }
+    }
+
+    /// The register holds what it should, and can be written. The disk is another matter.
+    fn recover(&mut self) {
+        if let Some(trouble) = self.policy.trouble.filter(|trouble| *trouble != Trouble::Disk) {
+            self.policy.trouble = None;
+            self.report(Event::Recovered { was_untaken: trouble == Trouble::StillUntaken });
+            self.policy.follow.take_over();
+        }
+    }
+
+    fn not_sent(&mut self, settings: &Settings, why: NotSent, now: Moment) {
+        let change = match self.policy.action {
+            Action::Write { not_after, is_repeat: false, .. } => Some(not_after),
+            _ => None,
+        };
+        match why {
+            NotSent::TooLate => {
+                if let Some(not_after) = change {
+                    self.lapsed(not_after);
+                }
+            }
+            NotSent::Unreachable => self.write_fails(Trouble::Unanswered),
+            NotSent::Rejected => self.write_fails(Trouble::Untaken),
+            NotSent::BacksOff => self.policy.trouble = self.policy.trouble.or(Some(Trouble::Link)),
+        }
+        self.result(settings, Fact::NotSent, now);
+    }
+
+    fn on_disk(&mut self, settings: &Settings, now: Moment) {
+        if self.policy.trouble == Some(Trouble::Disk) {
+            self.policy.trouble = None;
+            self.policy.follow.take_over();
+        }
+        if is_open(&self.state, settings)
+            && let Some(account) = self.state.shown(settings).account
+            && self.policy.said.first(Topic::Division)
+        {
+            self.report(Event::Opened { account });
+        }
+        self.result(settings, Fact::Kept, now);
+    }
+
+    fn applied(&mut self, settings: &Settings, found: Option<i64>, asked: Moment) {
+        let Some(applied) = &settings.applied else { return };
+        if self.policy.applied.read(found, asked, applied) {
+            self.policy.said.over(Topic::Applied);
+            return self.recover();
+        }
+        if self.policy.applied.is_over(asked, applied) && self.is_driven() {
+            self.is_not_taken();
+            if self.policy.said.first(Topic::Applied) {
+                self.report(Event::NotApplied);
+            }
+        } else if self.policy.trouble.is_some_and(Trouble::is_untaken) {
+            self.policy.said.over(Topic::Applied);
+        }
+    }
+
+    /// While the control applies the register value, one answer that is missing says nothing.
+    fn applied_no_answer(&mut self, asked: Moment) {
+        self.policy.applied.no_answer(asked);
+        if !self.policy.applied.is_applied() {
+            self.fails(Trouble::Link);
+        }
+    }
+
+    /// Returns whether the control has not been seen to apply the register value.
+    fn is_unapplied(&self, settings: &Settings) -> bool {
+        let is_known = self.state.shown(settings).verified.is_some();
+        settings.applied.is_some() && is_known && self.is_driven() && !self.policy.applied.is_applied()
+    }
+
+    fn set(&mut self, settings: &Settings, commit: SetCommit) {
+        self.policy.set = commit;
+        match commit {
+            SetCommit::Taken if !self.state.shown(settings).is_untaken => self.recover(),
+            SetCommit::Taken | SetCommit::Open => {}
+            SetCommit::Failed => self.is_not_taken(),
+        }
+    }
+
+    /// The control did not take what the register holds.
+    fn is_not_taken(&mut self) {
+        if self.is_driven() {
+            if !self.policy.trouble.is_some_and(Trouble::is_untaken) {
+                self.policy.trouble = Some(Trouble::Untaken);
+            }
+            self.report(Event::StillUntaken);
+        }
+    }
+
+    /// What was begun after a read is continued in this turn or not at all.
+    fn turn_ends(&mut self, settings: &Settings, now: Moment) {
+        let given_up = match self.policy.action {
+            Action::Nothing { .. } | Action::Keep => None,
+            Action::Read => Some(Fact::NoAnswer),
+            Action::Write { .. } => Some(Fact::NotSent),
+        };
+        if let Some(fact) = given_up {
+            self.policy.action = Action::Nothing { until: now };
+            self.give(settings, fact, now);
+        }
+        if let Some(not_after) = self.state.overdue(settings, now) {
+            self.lapsed(not_after);
+            self.give(settings, Fact::Lapsed, now);
+        }
+        self.ask(settings);
+        let shown = self.state.shown(settings);
+        let follow = &mut self.policy.follow;
+        match (*follow, shown.waits_until) {
+            (Follow::TakeOver(_), _) => {}
+            (_, Some(_)) => *follow = Follow::Waiting,
+            (Follow::Waiting, None) => follow.take_over(),
+            _ => {}
+        }
+        if let (Follow::TakeOver(cause), Some(seen)) = (*follow, shown.verified) {
+            if !self.policy.inputs.is_armed {
+                *follow = Follow::Target;
+            } else if self.policy.trouble.is_none() {
+                *follow = Follow::HoldAt(seen.value);
+                self.report(Event::TakeOver { cause });
+            }
+        }
+        if self.policy.trouble == Some(Trouble::Untaken) {
+            self.policy.trouble = Some(Trouble::StillUntaken);
+        }
+    }
+
+    /// Only the operator can say how the register value divides: the axis is off until he arms it. He must not be overruled then.
+    fn ask(&mut self, settings: &Settings) {
+        let shown = self.state.shown(settings);
+        let is_asked = settings.is_shared && shown.standing == Standing::Barred && shown.verified.is_some();
+        if is_asked && self.policy.said.first(Topic::Question) {
+            self.policy.inputs.is_armed = false;
+            self.report(Event::Question);
+        }
+    }
+
+    /// Passes a fact to the register step, and keeps the action that it returns, unless one is already open.
+    fn give(&mut self, settings: &Settings, fact: Fact, now: Moment) {
+        let was_open = is_open(&self.state, settings);
+        let action = step(&mut self.state, settings, fact, now);
+        if is_open(&self.state, settings) && !was_open {
+            self.policy.said.over(Topic::Division);
+        }
+        if matches!(self.policy.action, Action::Nothing { .. }) {
+            self.policy.action = action;
+        }
+        for event in self.state.take_events().iter() {
+            match event {
+                Event::OwnWriteArrivedLate { .. } | Event::PerhapsFromBefore { .. } => {
+                    self.policy.follow.take_over();
+                }
+                Event::CncRestarted { .. } => self.policy.follow = Follow::TakeOver(Cause::Restart),
+                Event::ForeignValue { .. } => {
+                    self.policy.follow = Follow::Target;
+                    self.policy.inputs.is_armed = false;
+                }
+                _ => {}
+            }
+            self.report(*event);
+        }
+    }
+
+    fn report(&mut self, event: Event) {
+        // One input reports fewer than there is room for.
+        let _ = self.events.push(event);
+    }
+
+    /// The same controller with every moment moved by `to`, and without what only people see. The moment at which it is to be
+    /// called again is not before `now`.
+    #[doc(hidden)]
+    pub fn moved(&self, to: impl Fn(Moment) -> Moment, now: Moment) -> Controller {
+        let Policy { inputs, applied, action, .. } = self.policy;
+        let inputs = LastInputs { decided: to(inputs.decided), ..inputs };
+        let action = match action.moved(&to) {
+            Action::Nothing { until } => Action::Nothing { until: until.max(now) },
+            action => action,
+        };
+        let policy = Policy { action, inputs, applied: applied.moved(&to), ..self.policy };
+        Controller { state: self.state.moved(&to), policy, events: Slots::default(), ..*self }
+    }
+}
+
+/// Returns whether operator offset and gateway share of a shared register are known without a doubt.
+fn is_open(state: &State, settings: &Settings) -> bool {
+    state.shown(settings).account.is_some_and(|account| account.doubt.is_none())
+}

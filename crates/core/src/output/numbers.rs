@@ -1,0 +1,257 @@
+//! Number of a set whose control acknowledges each set that it takes.
+//!
+//! Some controls take a set only if it has the number after the last one that they took. If an answer is lost, the gateway does not
+//! know whether the control took the set. So the number advances only when the control has acknowledged the set. Until then the
+//! numbers that may be next are tried in turns, the highest first, always with the same values:
+//!
+//! | result of an attempt | what it says | next attempt |
+//! |---|---|---|
+//! | acknowledged | the control has this number | the number after it |
+//! | not known: the set, the strobe or an answer was lost | nothing | the same number |
+//! | not acknowledged, although the control answers | the control has another number, or its acknowledge is broken | the next number in turn |
+//!
+//! If each number in turn was refused, one more may be next: the control may have taken the highest without an acknowledge.
+
+use serde::{Deserialize, Serialize};
+
+/// Numbers that are tried at most. An acknowledge that is missing for an hour brings it to about 70.
+const MOST: u16 = 200;
+
+/// Numbers of a set that its control may take next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Numbers {
+    /// The last number that the control has acknowledged.
+    taken: u16,
+    /// How many numbers after it may be next.
+    count: u16,
+    /// How many of them were refused in this turn, the highest first.
+    refused: u16,
+    values: Values,
+}
+
+/// Values that were sent under the numbers since the last acknowledge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Values {
+    /// Always the same.
+    Same,
+    /// Perhaps others before: an acknowledge does not say which of them the control has taken.
+    Changed,
+}
+
+/// Result of an attempt to have a set taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Attempt {
+    /// The control has acknowledged the set.
+    Acknowledged,
+    /// The control answered each time, and has not acknowledged the set in its time.
+    Refused,
+    /// Nobody knows.
+    Unknown,
+}
+
+impl Numbers {
+    /// Numbers of a control whose register holds this number, which it has taken.
+    pub fn after(number: u16) -> Numbers {
+        Numbers { taken: number, count: 1, refused: 0, values: Values::Same }
+    }
+
+    /// Numbers of a control whose register holds this number, which an earlier run has sent and the control may not have taken.
+    pub fn perhaps(number: u16) -> Numbers {
+        Numbers { taken: number.saturating_sub(1), count: 1, refused: 0, values: Values::Changed }
+    }
+
+    /// Number of the next attempt.
+    pub fn next(&self) -> u16 {
+        later(self.taken, self.count - self.refused)
+    }
+
+    /// Returns whether this number is the last one that was acknowledged, or one that was tried since.
+    pub fn contains(&self, number: u16) -> bool {
+        (0..=self.count).any(|place| later(self.taken, place) == number)
+    }
+
+    /// Other values are sent than with the attempt before.
+    pub fn change_values(&mut self) {
+        self.values = Values::Changed;
+    }
+
+    /// Takes note of the result of an attempt. Returns whether the control has taken the values that were sent.
+    pub fn result(&mut self, attempt: Attempt) -> bool {
+        match attempt {
+            Attempt::Acknowledged => {
+                let is_taken = self.values == Values::Same;
+                *self = Numbers::after(self.next());
+                is_taken
+            }
+            Attempt::Refused => {
+                self.refused += 1;
+                if self.refused == self.count {
+                    (self.count, self.refused) = ((self.count + 1).min(MOST), 0);
+                }
+                false
+            }
+            Attempt::Unknown => false,
+        }
+    }
+}
+
+/// The number that comes `count` later. Zero is left to a control that has just been started.
+fn later(number: u16, count: u16) -> u16 {
+    (0..count).fold(number, |number, _| number.checked_add(1).unwrap_or(1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// How a control decides about a set.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    enum Kind {
+        /// It takes a set with another number than the last, and acknowledges each.
+        Another,
+        /// It takes nothing but the next number, and acknowledges the last one again.
+        NextAndLast,
+        /// It takes and acknowledges nothing but the next number.
+        NextOnly,
+    }
+
+    #[derive(Clone, Copy, Debug)]
+    struct Control {
+        kind: Kind,
+        number: u16,
+        values: u32,
+    }
+
+    impl Control {
+        /// The strobe rises. Returns whether the control acknowledges the set.
+        fn sees(&mut self, number: u16, values: u32) -> bool {
+            let takes = match self.kind {
+                Kind::Another => number != self.number,
+                Kind::NextAndLast | Kind::NextOnly => number == later(self.number, 1),
+            };
+            if takes {
+                (self.number, self.values) = (number, values);
+            }
+            takes || (self.kind != Kind::NextOnly && number == self.number)
+        }
+    }
+
+    /// What happens to an attempt.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    enum Fate {
+        Good,
+        /// The set or the strobe does not arrive.
+        Lost,
+        /// The answer of the control does not arrive.
+        AnswerLost,
+        /// The wire of the acknowledge is broken.
+        NoAcknowledge,
+    }
+
+    const FATES: [Fate; 4] = [Fate::Good, Fate::Lost, Fate::AnswerLost, Fate::NoAcknowledge];
+
+    /// The gateway and its control.
+    #[derive(Clone, Copy, Debug)]
+    struct World {
+        numbers: Numbers,
+        control: Control,
+        values: u32,
+    }
+
+    impl World {
+        /// Returns whether the gateway knows that its values are taken.
+        fn attempt(&mut self, fate: Fate) -> bool {
+            let number = self.numbers.next();
+            let acknowledges = fate != Fate::Lost && self.control.sees(number, self.values);
+            let attempt = match fate {
+                Fate::Lost | Fate::AnswerLost => Attempt::Unknown,
+                Fate::Good if acknowledges => Attempt::Acknowledged,
+                Fate::Good | Fate::NoAcknowledge => Attempt::Refused,
+            };
+            let is_taken = self.numbers.result(attempt);
+            assert!(!is_taken || self.control.values == self.values, "{self:?} after {fate:?}");
+            is_taken
+        }
+
+        /// Attempts until the values are known to be taken, when nothing fails any more.
+        fn recovers(mut self) -> u32 {
+            (1..100).find(|_| self.attempt(Fate::Good)).unwrap_or_else(|| panic!("{self:?} is stuck"))
+        }
+    }
+
+    fn each_way(world: World, left: u32, visit: &mut impl FnMut(World)) {
+        visit(world);
+        if left == 0 {
+            return;
+        }
+        for fate in FATES {
+            for changes in [false, true] {
+                let mut next = world;
+                if changes {
+                    next.values += 1;
+                    next.numbers.change_values();
+                }
+                if next.attempt(fate) {
+                    next.values += 1;
+                }
+                each_way(next, left - 1, visit);
+            }
+        }
+    }
+
+    fn worlds() -> impl Iterator<Item = World> {
+        [Kind::Another, Kind::NextAndLast, Kind::NextOnly].into_iter().flat_map(|kind| {
+            let in_order = World {
+                numbers: Numbers::after(6),
+                control: Control { kind, number: 6, values: 0 },
+                values: 1,
+            };
+            // A run that was killed has sent number 6, with these values or others.
+            let killed = [5, 6].map(|number| World {
+                numbers: Numbers::perhaps(6),
+                control: Control { kind, number, values: 0 },
+                values: 1,
+            });
+            killed.into_iter().chain([in_order])
+        })
+    }
+
+    #[test]
+    fn whatever_was_lost_the_control_takes_a_set_again_and_the_gateway_knows_what_it_took() {
+        let (mut count, mut longest) = (0, 0);
+        for world in worlds() {
+            each_way(world, 6, &mut |world| {
+                count += 1;
+                longest = longest.max(world.recovers());
+            });
+        }
+        println!("{count} ways, recovered after {longest} attempts at most");
+        assert!(longest <= 7, "{longest}");
+    }
+
+    #[test]
+    fn after_losses_on_the_network_a_control_takes_the_second_attempt() {
+        for mut world in worlds().filter(|world| world.numbers == Numbers::after(6)) {
+            for fate in [Fate::Lost, Fate::AnswerLost].into_iter().cycle().take(70) {
+                assert!(!world.attempt(fate));
+            }
+            let attempts = world.recovers();
+            assert!(attempts <= 2, "{world:?}: {attempts}");
+        }
+    }
+
+    /// Without the rule: each attempt has the number after the one that was sent last.
+    #[test]
+    fn a_number_that_advances_with_each_attempt_leaves_a_control_behind_for_good() {
+        let mut control = Control { kind: Kind::NextOnly, number: 6, values: 0 };
+        let sent = 6 + 65;
+        assert!((sent..sent + 1000).all(|number| !control.sees(number + 1, 1)));
+    }
+
+    #[test]
+    fn zero_is_no_number_of_a_set() {
+        assert_eq!((later(65535, 1), later(0, 1), later(65534, 3)), (1, 1, 2));
+        assert_eq!(Numbers::perhaps(0).next(), 1);
+    }
+}

@@ -1,0 +1,61 @@
+//! Failed requests of a register, and which of them are reported.
+
+use crate::fieldbus::error::Fault;
+use isotherm_core::output::{Fact, Input};
+use isotherm_profile::counted;
+
+/// This many writes in a row that a device did not answer are reported, if it answers reads.
+const DEAF: u64 = 3;
+
+/// Kind of request that a device was sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Access {
+    Read,
+    Write,
+}
+
+/// Failures of the requests of one register.
+#[derive(Debug, Default)]
+pub(super) struct Failures {
+    /// The kind of request that failed and was reported, until one succeeds.
+    reported: Option<Access>,
+    /// Writes that failed since the last one that was answered.
+    failed_writes: u64,
+    /// The last request that was a read was answered.
+    is_read: bool,
+}
+
+impl Failures {
+    /// Takes note of a failed request. Returns what is to be reported. A device that is lost is reported elsewhere.
+    pub(super) fn fails(
+        &mut self,
+        fault: Fault,
+        access: Access,
+        in_words: impl FnOnce() -> String,
+    ) -> Option<String> {
+        self.failed_writes += u64::from(access == Access::Write);
+        // A device that answers reads is not lost, and its writes are reported nowhere else.
+        let is_deaf = access == Access::Write && self.failed_writes >= DEAF && self.is_read;
+        let is_new = (!fault.spoils_connection() || is_deaf) && self.reported.replace(access).is_none();
+        is_new.then(|| match is_deaf {
+            true => format!("{}, {} in a row", in_words(), counted(self.failed_writes, "time")),
+            false => in_words(),
+        })
+    }
+
+    /// Takes note of the result of an exchange.
+    pub(super) fn result(&mut self, input: Input) {
+        match input {
+            Input::Fact(Fact::Done { .. }) => {
+                self.failed_writes = 0;
+                self.reported = self.reported.filter(|access| *access != Access::Write);
+            }
+            Input::Fact(Fact::Read { .. }) => {
+                self.is_read = true;
+                self.reported = self.reported.filter(|access| *access != Access::Read);
+            }
+            Input::Fact(Fact::NoAnswer) => self.is_read = false,
+            _ => {}
+        }
+    }
+}
