@@ -20,11 +20,9 @@ mod nodes;
 mod position;
 mod register;
 mod report;
-mod sequence;
 mod set;
 mod single;
 mod strobe;
-mod taking;
 mod together;
 
 pub(super) use position::Position;

@@ -85,10 +85,12 @@ mod kept;
 mod numbers;
 mod plan;
 mod reports;
+mod sequence;
 mod settings;
 mod slots;
 mod standing;
 mod state;
+mod transaction;
 mod turns;
 
 pub use applied::AppliedSettings;
@@ -104,6 +106,7 @@ pub use settings::{Rules, Settings, Verify};
 pub use slots::Slots;
 pub use standing::{Seen, Shown, Standing};
 pub use state::State;
+pub use transaction::{Member, MemberState, Taking, Transaction};
 
 /// What has happened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

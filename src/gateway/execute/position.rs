@@ -9,8 +9,8 @@ use std::time::Duration;
 
 use super::LineTurn;
 use super::cells::{self, Cells};
-use super::interlock::Interlock;
 use super::demand::{Decision, OutputDemand};
+use super::interlock::Interlock;
 use super::report;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
@@ -102,7 +102,13 @@ impl Position {
         }
     }
 
-    async fn correct(&mut self, turn: &mut LineTurn<'_>, output: &Output, position: f64, demand: &OutputDemand) {
+    async fn correct(
+        &mut self,
+        turn: &mut LineTurn<'_>,
+        output: &Output,
+        position: f64,
+        demand: &OutputDemand,
+    ) {
         let shared = turn.shared;
         let cz = self.share(shared, output, demand);
         let factor = cz_factor(&shared.profile, output);

@@ -19,8 +19,8 @@ use crate::observe::asker::Way;
 use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
 use isotherm_core::output::{
-    self, Action, AppliedSettings, Cause, Controller, Copies, Demand, Demanded, Fact, Input, NotSent, Rules, SetCommit,
-    Settings, State, Trouble, Verify,
+    self, Action, AppliedSettings, Cause, Controller, Copies, Demand, Demanded, Fact, Input, NotSent, Rules,
+    SetCommit, Settings, State, Trouble, Verify,
 };
 use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::{Output, OutputId, Share, Writes};
@@ -73,12 +73,13 @@ impl Register {
             Decision::Current(mode) => Some(mode),
         };
         let decision = decision.map(|mode| {
-            let (offset, target) = match (output.writes, shared.profile.axis(output.axis).settings.intercept_slope) {
-                // A reference position is no correction, and goes to its value at once.
-                (Writes::Reference, Some(line)) => (self.units.counts(line.reference.get()), None),
-                (Writes::Reference, None) => (self.units.offset(demand.cz), None),
-                _ => (self.units.offset(demand.cz), Some(self.units.offset(demand.target))),
-            };
+            let (offset, target) =
+                match (output.writes, shared.profile.axis(output.axis).settings.intercept_slope) {
+                    // A reference position is no correction, and goes to its value at once.
+                    (Writes::Reference, Some(line)) => (self.units.counts(line.reference.get()), None),
+                    (Writes::Reference, None) => (self.units.offset(demand.cz), None),
+                    _ => (self.units.offset(demand.cz), Some(self.units.offset(demand.target))),
+                };
             Demanded { offset, target, at: demand.decided, not_after: demand.not_after, mode }
         });
         Demand {
@@ -101,7 +102,13 @@ impl Register {
     }
 
     /// Demands a value once more that was sent before, if the register does not hold it.
-    pub(super) fn demand_again(&mut self, shared: &LineHandle, value: Counts, demand: &OutputDemand, now: Moment) {
+    pub(super) fn demand_again(
+        &mut self,
+        shared: &LineHandle,
+        value: Counts,
+        demand: &OutputDemand,
+        now: Moment,
+    ) {
         if !self.controller.is_driven() || value == self.held() {
             return;
         }
@@ -285,11 +292,13 @@ impl Register {
         if let Some(applied) = &output.applied
             && asked >= self.controller.applied_due(&self.settings)
         {
-            let request = Request::Read { from: applied.address, count: applied.encoding.data_type.registers() };
+            let request =
+                Request::Read { from: applied.address, count: applied.encoding.data_type.registers() };
             let input = match turn.line.request(output.device, request, Leave::Whenever).await {
                 Ok(answered) => {
                     let found = applied.encoding.decode(answered.answer.registers()).ok();
-                    turn.shared.core().outputs[self.id.0].applied = found.map(|found| (found, answered.asked));
+                    turn.shared.core().outputs[self.id.0].applied =
+                        found.map(|found| (found, answered.asked));
                     Input::Applied { found: found.and_then(|found| self.units.thousandths(found)), asked }
                 }
                 Err(fault) => {
@@ -342,7 +351,11 @@ impl Register {
             Some(keeping) => keeping,
             None => {
                 // What is only noted is on disk before the next promise is.
-                match shared.ledger.keep(output, self.state().kept(), self.controller.must_keep(&self.settings)) {
+                match shared.ledger.keep(
+                    output,
+                    self.state().kept(),
+                    self.controller.must_keep(&self.settings),
+                ) {
                     Keeping::Version(version) => (version, now),
                     Keeping::Needless => return Some(Input::Fact(Fact::Kept)),
                     Keeping::Impossible => return Some(Input::Fact(Fact::NotKept)),

@@ -47,7 +47,9 @@ pub(super) fn event(
             let share = share_in_text(register, shown.account.unwrap_or_default().share);
             Event::OperatorChange { output, from: in_text(from), to: in_text(to), share }
         }
-        output::Event::Saturated { value } => Event::Saturated { output, wanted: register.units.value(value) },
+        output::Event::Saturated { value } => {
+            Event::Saturated { output, wanted: register.units.value(value) }
+        }
         output::Event::Interlocked => Event::Interlocked { output, when },
         output::Event::Released => Event::Released { output },
         output::Event::Opened { account } => {

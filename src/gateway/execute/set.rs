@@ -1,4 +1,4 @@
-//! Outputs that land together: read as one, written as one, taken as one ([`taking`](super::taking)).
+//! Outputs that land together: read as one, written as one, taken as one ([`Transaction`]).
 //!
 //! Whenever one of them is to be written, all of them are; where nothing is to change, that is what was just read there.
 //! So a heartbeat and a control word in the set go on in every state, and only where somebody else writes to a member in
@@ -11,17 +11,18 @@ use crate::gateway::output::Wait;
 use crate::gateway::storage::Steady;
 use isotherm_core::codec::Encoded;
 use isotherm_core::compensation::AxisState;
-use isotherm_core::output::{Action, Attempt, Fact, Follow, Input, SetCommit};
-use isotherm_core::quantity::Moment;
-use isotherm_profile::{Control, Profile, SetId};
+use isotherm_core::output::{
+    Action, Attempt, Fact, Follow, Input, Member, MemberState, SetCommit, Taking, Transaction,
+};
+use isotherm_core::quantity::{Counts, Moment};
+use isotherm_profile::{Control, OutputSet, Profile, SetId};
 
 use super::demand::OutputDemand;
 use super::failures::Access;
 use super::register::Register;
 use super::strobe::{Stands, Strobe, Waited};
-use super::taking::Taking;
 use super::together::{self, Found, Own};
-use super::{LineTurn, RETRY};
+use super::{LineTurn, RETRY, cells};
 
 /// Owns the outputs of one set, and its strobe.
 #[derive(Debug)]
@@ -29,7 +30,7 @@ pub(in crate::gateway) struct Set {
     id: SetId,
     registers: Vec<Register>,
     strobe: Strobe,
-    taking: Taking,
+    transaction: Transaction,
     /// How often its control was restarted, as far as it has heard.
     restarts: u64,
     /// The count of its writes, as it stands in the register.
@@ -62,11 +63,14 @@ impl Set {
         let mut registers: Vec<_> =
             outputs.iter().map(|id| Register::new(shared, *id, now).in_a_set()).collect();
         let was_in_order = !is_second && registers.iter().all(|one| one.state().is_settled());
-        let (taking, commit) = Taking::new(&shared.profile, id, was_in_order);
+        let set = shared.profile.set(id);
+        let has_number = set.sequence.is_some();
+        let taking = taken_by(&shared.profile, set);
+        let (transaction, commit) = Transaction::new(taking, has_number, was_in_order);
         registers.iter_mut().for_each(|one| one.commits(shared, commit, now));
         Set {
             id,
-            taking,
+            transaction,
             registers,
             strobe: Strobe::new(shared, id, stands),
             restarts: 0,
@@ -86,6 +90,26 @@ impl Set {
     /// The turn of one of its members came too late for what was decided.
     pub(in crate::gateway) fn is_late(&self) -> bool {
         self.registers.iter().any(|register| register.controller.follow() == Follow::Late)
+    }
+
+    fn members(&self) -> Vec<Member> {
+        let member = |one: &Register| {
+            let state = MemberState::of(one.controller.is_driven(), one.controller.is_bound());
+            Member { held: one.held(), state }
+        };
+        self.registers.iter().map(member).collect()
+    }
+
+    /// Values of the registers in counts. A server may keep a number with fewer digits than it was sent with: that is the same count.
+    fn counts(&self, values: &[Encoded]) -> Vec<Counts> {
+        self.registers.iter().zip(values).map(|(one, value)| one.units.found(value.registers())).collect()
+    }
+
+    /// Gives the members what the control has made of the set.
+    fn commit(&mut self, shared: &LineHandle, commit: Option<SetCommit>, now: Moment) {
+        for register in self.registers.iter_mut() {
+            commit.into_iter().for_each(|commit| register.commits(shared, commit, now));
+        }
     }
 
     fn is_bound(&self) -> bool {
@@ -128,17 +152,17 @@ impl Set {
             match (self.strobe.wait(turn).await, wait) {
                 (Waited::Still, _) => return Went::NoFurther,
                 (Waited::Missing, Wait::Acknowledge) => {
-                    self.taking.attempt(Attempt::Refused);
+                    self.transaction.attempt(Attempt::Refused);
                     return self.doubt(turn.shared);
                 }
                 (Waited::Failed, Wait::Acknowledge) => {
-                    self.taking.attempt(Attempt::Unknown);
+                    self.transaction.attempt(Attempt::Unknown);
                     return self.doubt(turn.shared);
                 }
                 (Waited::Failed | Waited::Missing, _) => return self.doubt(turn.shared),
                 (Waited::Over, Wait::Clear) => {}
                 (Waited::Over, Wait::Acknowledge) => {
-                    self.taking.attempt(Attempt::Acknowledged);
+                    self.transaction.attempt(Attempt::Acknowledged);
                     if !self.strobe.lower(turn).await {
                         return self.doubt(turn.shared);
                     }
@@ -165,7 +189,7 @@ impl Set {
         let (shared, now) = (turn.shared, turn.now);
         let restarts = demands.iter().map(|demand| demand.restarts).max().unwrap_or_default();
         if std::mem::replace(&mut self.restarts, restarts) != restarts {
-            self.taking.forget_number();
+            self.transaction.forget_number();
         }
         for (register, demand) in self.registers.iter_mut().zip(demands) {
             register.begins_turn(shared, demand, now);
@@ -173,9 +197,9 @@ impl Set {
         self.keep(turn).await;
         // What is to be written now was asked for after a read of another turn.
         self.give_up_writing(turn);
-        let registers = &self.registers;
+        let (registers, members) = (&self.registers, self.members());
         let can_hold = |place: usize, value| registers[place].can_hold_again(value, &demands[place], now);
-        let again = self.taking.wanted_again(registers, can_hold).into_iter().flatten();
+        let again = self.transaction.demanded_again(&members, can_hold).into_iter().flatten();
         for ((register, demand), value) in self.registers.iter_mut().zip(demands).zip(again) {
             register.demand_again(shared, value, demand, now);
         }
@@ -207,7 +231,7 @@ impl Set {
         }
         let Some(stands) = self.read(turn).await else { return };
         self.keep(turn).await;
-        if !self.taking.is_sent(&stands) || shared.core().leaving {
+        if !self.transaction.is_sent(&self.counts(&stands)) || shared.core().leaving {
             return;
         }
         if shared.profile.set(self.id).handshake.is_none() {
@@ -230,8 +254,8 @@ impl Set {
         let is_driven = self.registers.iter().any(|one| one.controller.is_driven());
         let is_due = self.refreshes(&shared.profile).is_some_and(|refresh| now >= refresh);
         let has_news = set.control.is_some() && self.sent_control != Some(self.control(shared));
-        let is_untaken =
-            self.is_bound() && (has_own_registers || self.registers.iter().all(|one| one.state().is_settled()));
+        let is_untaken = self.is_bound()
+            && (has_own_registers || self.registers.iter().all(|one| one.state().is_settled()));
         (has_own_registers && (is_due || has_news)) || (is_driven && (is_due || is_untaken))
     }
 
@@ -283,7 +307,7 @@ impl Set {
     async fn read(&mut self, turn: &mut LineTurn<'_>) -> Option<Vec<Encoded>> {
         let profile = &turn.shared.profile;
         let set = profile.set(self.id);
-        let Found { mut values, sequence, heartbeat, asked } = match together::read(turn, set).await {
+        let Found { values, sequence, heartbeat, asked } = match together::read(turn, set).await {
             Ok(found) => found,
             Err(fault) => {
                 for register in self.registers.iter_mut().filter(|one| one.action() == Action::Read) {
@@ -293,7 +317,6 @@ impl Set {
                 return None;
             }
         };
-        self.taking.know_again(&mut values, &self.registers);
         for (register, found) in self.registers.iter_mut().zip(&values) {
             if register.may_hear_a_read() {
                 let found = register.units.found(found.registers());
@@ -302,11 +325,9 @@ impl Set {
         }
         self.beat = heartbeat.unwrap_or(self.beat);
         let now = turn.line.looked();
-        let stands = self.taking.stands(sequence, &values, &self.registers, now);
-        for register in &mut self.registers {
-            let is_bound = register.controller.is_bound();
-            register.commits(turn.shared, stands.commit(is_bound), now);
-        }
+        let late = self.registers.iter().map(|one| one.settings.late).max().unwrap_or_default();
+        let commit = self.transaction.read(sequence, &self.counts(&values), late, now);
+        self.commit(turn.shared, commit, now);
         Some(values)
     }
 
@@ -316,7 +337,8 @@ impl Set {
         let Some((values, not_after)) = self.values(turn, found).await else {
             self.give_up_writing(turn);
             self.send_own_alone(turn).await;
-            self.tries_from = now.after(RETRY).min(self.refreshes(&shared.profile).unwrap_or(Moment::END)).max(now);
+            self.tries_from =
+                now.after(RETRY).min(self.refreshes(&shared.profile).unwrap_or(Moment::END)).max(now);
             return Went::NoFurther;
         };
         let set = shared.profile.set(self.id);
@@ -346,14 +368,14 @@ impl Set {
             self.sent_control = fault.is_none().then_some(control);
             let says_enabled = control & Control::ENABLE != 0;
             self.strobe.says_enabled = says_enabled || (self.strobe.says_enabled && fault.is_some());
-            self.taking.sends(values);
+            let counts = self.counts(&values);
+            self.transaction.sends(counts);
         }
         self.log_own_registers(shared, fault.map(|(fault, _)| fault), left);
         if fault.is_some() {
             self.tries_from = left.after(RETRY);
-            if !self.taking.is_at_once() {
-                self.registers.iter_mut().for_each(|one| one.commits(shared, SetCommit::Open, left));
-            }
+            let commit = self.transaction.is_not_done();
+            self.commit(shared, commit, left);
             return Went::NoFurther;
         }
         Went::Well
@@ -361,7 +383,7 @@ impl Set {
 
     /// The words of the set that are no value of an output.
     fn own(&self, shared: &LineHandle, now: Moment) -> Own {
-        let sequence = shared.profile.set(self.id).sequence.map(|_| self.taking.next_number());
+        let sequence = shared.profile.set(self.id).sequence.map(|_| self.transaction.next_number());
         let heartbeat = if shared.head_lives(now) { together::next_beat(self.beat) } else { self.beat };
         Own { sequence, heartbeat, control: self.control(shared) }
     }
@@ -430,13 +452,13 @@ impl Set {
             });
         }
         // Where what was sent before is there by half, all of it is sent, or nothing.
-        self.taking.is_whole(&self.registers, &values).then_some((values, last))
+        self.transaction.is_whole(&self.members(), &self.counts(&values)).then_some((values, last))
     }
 
     /// The control has taken what stands there.
     fn is_taken(&mut self, shared: &LineHandle) {
         self.strobe.succeeded(shared);
-        if self.taking.is_taken() {
+        if self.transaction.is_taken() {
             let now = shared.clock.now();
             for register in &mut self.registers {
                 register.step(shared, Input::Set(SetCommit::Taken), now);
@@ -448,7 +470,7 @@ impl Set {
     fn doubt(&mut self, shared: &LineHandle) -> Went {
         let now = shared.clock.now();
         self.tries_from = now.after(RETRY);
-        self.taking.doubt();
+        self.transaction.doubt();
         for register in self.registers.iter_mut().filter(|one| one.controller.is_driven()) {
             register.step(shared, Input::Set(SetCommit::Failed), now);
         }
@@ -494,5 +516,16 @@ impl Set {
         let tries = is_unfinished.then_some(self.tries_from.max(now));
         let refreshes = self.refreshes(profile).map(|at| at.max(self.tries_from));
         wants.chain(tries).chain(refreshes).min().unwrap_or(Moment::END)
+    }
+}
+
+/// How the control of a set takes it.
+fn taken_by(profile: &Profile, set: &OutputSet) -> Taking {
+    let is_in_one = set.sequence.is_none() || cells::stretches(profile, set).len() == 1;
+    match () {
+        () if set.handshake.is_some() => Taking::Strobe,
+        () if set.is_in_nodes(profile) => Taking::Nodes,
+        () if is_in_one => Taking::AtOnce,
+        () => Taking::Number,
     }
 }

@@ -124,7 +124,9 @@ impl Detail {
     /// Detail of an input, with its moments as the file has them.
     fn of(input: Input, shift: Shift) -> Option<Detail> {
         match input {
-            Input::Fact(Fact::Decided { target, .. }) => target.map(|target| Detail::Decided(Towards { target })),
+            Input::Fact(Fact::Decided { target, .. }) => {
+                target.map(|target| Detail::Decided(Towards { target }))
+            }
             Input::Demand(Demand { armed, interlock, decision, restarts, pauses }) => {
                 Some(Detail::Demand(DemandDetail {
                     armed,
@@ -146,7 +148,9 @@ impl DemandDetail {
     fn demand(self, offset: Option<Counts>, not_after: Moment) -> Option<Demand> {
         let DemandDetail { armed, interlock, target, at, mode, restarts, pauses } = self;
         let decision = match at {
-            Some(at) => Some(Demanded { offset: offset?, target, at, not_after, mode: mode.unwrap_or_default() }),
+            Some(at) => {
+                Some(Demanded { offset: offset?, target, at, not_after, mode: mode.unwrap_or_default() })
+            }
             None => None,
         };
         Some(Demand { armed, interlock: interlock.unwrap_or(Condition::Met), decision, restarts, pauses })
@@ -192,7 +196,9 @@ fn cells_of_input(input: Input) -> Cells {
         }
         Input::Fact(Fact::Decided { offset, target: _, not_after }) => ("decided", Some(offset), not_after),
         Input::Fact(Fact::WentAlong { value, left, is_done: true }) => ("went-along", Some(value), left),
-        Input::Fact(Fact::WentAlong { value, left, is_done: false }) => ("went-along-unknown", Some(value), left),
+        Input::Fact(Fact::WentAlong { value, left, is_done: false }) => {
+            ("went-along-unknown", Some(value), left)
+        }
         Input::Fact(Fact::Read { found, asked }) => ("read", Some(found), asked),
         Input::Fact(Fact::Done { left }) => ("done", None, left),
         Input::Fact(Fact::Unknown { left }) => ("unknown", None, left),

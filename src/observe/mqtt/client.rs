@@ -321,7 +321,8 @@ mod tests {
     async fn a_message_that_arrives_beside_many_acknowledgements_is_not_lost() {
         let (news, mut inbox) = inbox();
         (0..10 * UNHEARD).for_each(|_| news.room.notify_one());
-        let arrived = Arrived { topic: "t".to_owned(), payload: Vec::new(), retained: true, redelivered: false };
+        let arrived =
+            Arrived { topic: "t".to_owned(), payload: Vec::new(), retained: true, redelivered: false };
         assert!(news.heard.try_send(Heard::Arrived(arrived)).is_ok());
         assert!(matches!(inbox.next().await, Some(Heard::Arrived(_))));
         assert!(matches!(inbox.next().await, Some(Heard::Room)));

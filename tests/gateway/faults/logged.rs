@@ -131,7 +131,10 @@ fn a_register_that_an_operator_writes_to_as_well_comes_out_again() {
     traces.iter().for_each(law::holds);
     assert_eq!(traces[0].reported("operator-change"), 1, "{}", traces[0].lines());
     let (_, text) = again(directory.path());
-    has(&text, &["\"\"armed\"\":\"\"person\"\"", "cnc_z,on-disk,", ",keep,", ",write,", "\"\"is_shared\"\":true"]);
+    has(
+        &text,
+        &["\"\"armed\"\":\"\"person\"\"", "cnc_z,on-disk,", ",keep,", ",write,", "\"\"is_shared\"\":true"],
+    );
 }
 
 #[test]

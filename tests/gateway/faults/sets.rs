@@ -332,10 +332,10 @@ fn heartbeat_and_control_word_continue_while_a_late_write_forbids_the_members() 
         ("heartbeat = \"holding:110\"", 110),
     ] {
         for late in ["8s", "20s"] {
-            let text = BLOCK
-                .replace(own, words)
-                .replace("refresh = \"10s\"", "refresh = \"500ms\"")
-                .replace("address = \"127.0.0.1:1503\"", &format!("address = \"127.0.0.1:1503\"\nlate = \"{late}\""));
+            let text = BLOCK.replace(own, words).replace("refresh = \"10s\"", "refresh = \"500ms\"").replace(
+                "address = \"127.0.0.1:1503\"",
+                &format!("address = \"127.0.0.1:1503\"\nlate = \"{late}\""),
+            );
             let faults = plc("kind = \"wrong-echo\"\nat = \"24s\"\nfor_time = \"900ms\"")
                 + &plc("kind = \"restart\"\nat = \"25s\"");
             let trace = run(&text, &faults, MINUTE);
@@ -355,7 +355,8 @@ fn a_control_that_takes_nothing_but_the_next_number_is_never_left_behind() {
     let next = plc("kind = \"next-number\"\nat = \"0s\"\nfor_time = \"3600s\"");
     let lost = |kind: &str, count: u32| -> String {
         let quote = if kind.contains("code") { "" } else { "\"" };
-        let each = (0..count).map(|place| plc(&format!("kind = \"{kind}{quote}\nafter = {}\nfor = 1", 60 + 41 * place)));
+        let each = (0..count)
+            .map(|place| plc(&format!("kind = \"{kind}{quote}\nafter = {}\nfor = 1", 60 + 41 * place)));
         each.collect()
     };
     for text in [shaken(BLOCK), shaken(&apart())] {
@@ -364,13 +365,22 @@ fn a_control_that_takes_nothing_but_the_next_number_is_never_left_behind() {
             lost("close", 8),
             lost("exception\"\ncode = 6", 12),
             plc("kind = \"silent\"\nat = \"40s\"\nfor_time = \"65s\""),
-            (40..100).map(|second| plc(&format!("kind = \"silent\"\nat = \"{second}500ms\"\nfor_time = \"600ms\""))).collect(),
+            (40..100)
+                .map(|second| {
+                    plc(&format!("kind = \"silent\"\nat = \"{second}500ms\"\nfor_time = \"600ms\""))
+                })
+                .collect(),
             plc("kind = \"restart\"\nat = \"60s\""),
         ] {
             let trace = run(&text, &(next.clone() + &faults), 5 * MINUTE);
             law::holds(&trace);
             law::nothing_taken_jumps(&trace);
-            assert_eq!(trace.states_between(240, 300), ["active"], "{faults}\n{}", trace.reported("acknowledge-missing"));
+            assert_eq!(
+                trace.states_between(240, 300),
+                ["active"],
+                "{faults}\n{}",
+                trace.reported("acknowledge-missing")
+            );
             let taken = trace.taken.iter().filter(|taken| trace.seconds(taken.at) > 240.0).count();
             assert!(taken > 3, "{faults}: {taken} sets are taken in the last minute\n{}", trace.lines());
             assert!(trace.outcome.rested, "{faults} {:?}\n{}", trace.outcome, trace.lines());

@@ -111,7 +111,8 @@ fn an_output_with_an_interlock_never_jumps_and_resumes_from_its_register() {
     holds("shared, interlock", &settings(true, 3, 3), locked);
     let late = Budget { late: 2, holds: 1, losses: 1, stale: 1, targets: 2, ..none };
     holds("whole, late", &settings(false, 3, 3), late);
-    let trouble = Budget { late: 1, interlocks: 1, refusals: 1, ignored: 1, restarts: 1, disk: 1, targets: 1, ..none };
+    let trouble =
+        Budget { late: 1, interlocks: 1, refusals: 1, ignored: 1, restarts: 1, disk: 1, targets: 1, ..none };
     holds("whole, trouble", &settings(false, 3, 3), trouble);
     holds("shared, trouble", &settings(true, 3, 3), trouble);
 }

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use isotherm_core::output::{
-    Account, Action, Condition, Controller, Demand, Demanded, Event, Fact, Input, Kept, Mode, OutputHealth, Promise, Settings,
-    Slots, Standing, State, Verify, Who,
+    Account, Action, Condition, Controller, Demand, Demanded, Event, Fact, Input, Kept, Mode, OutputHealth,
+    Promise, Settings, Slots, Standing, State, Verify, Who,
 };
 use isotherm_core::quantity::{Counts, Moment};
 
@@ -210,7 +210,10 @@ impl World {
         let (events, action) = (gateway.take_events(), gateway.action());
         let keeps_order = match input {
             Input::Fact(fact) => {
-                matches!(fact, Fact::Read { .. } | Fact::Done { .. } | Fact::Kept | Fact::Look | Fact::GoesAlong)
+                matches!(
+                    fact,
+                    Fact::Read { .. } | Fact::Done { .. } | Fact::Kept | Fact::Look | Fact::GoesAlong
+                )
             }
             Input::NotSent(_) => false,
             _ => true,
@@ -252,7 +255,13 @@ impl World {
 
     /// Demand on the output now.
     pub(crate) fn demand(&self, decision: Option<Demanded>) -> Input {
-        Input::Demand(Demand { armed: self.armed, interlock: self.interlock, decision, restarts: 0, pauses: 0 })
+        Input::Demand(Demand {
+            armed: self.armed,
+            interlock: self.interlock,
+            decision,
+            restarts: 0,
+            pauses: 0,
+        })
     }
 
     /// `arm = "auto"`: as soon as the register was read, where its value is inside the limit.
@@ -294,7 +303,10 @@ impl World {
         if settings.applied.is_none() || self.applied.0 == seen.value || self.is_moved || self.has_arrived {
             return Ok(());
         }
-        Err(format!("{value} is sent: the register holds {}, and the control applies {}", seen.value, self.applied.0))
+        Err(format!(
+            "{value} is sent: the register holds {}, and the control applies {}",
+            seen.value, self.applied.0
+        ))
     }
 
     /// R11: from what the gateway has seen in the register towards the target, and not beyond it.
@@ -413,7 +425,9 @@ impl World {
     pub(crate) fn goes_along(&mut self, settings: &Settings) -> Broken {
         self.answer_read(settings)?;
         match self.action() {
-            Action::Nothing { .. } if self.interlock == Condition::Met => self.give(settings, Fact::GoesAlong),
+            Action::Nothing { .. } if self.interlock == Condition::Met => {
+                self.give(settings, Fact::GoesAlong)
+            }
             _ => Ok(()),
         }
     }
@@ -551,15 +565,21 @@ impl World {
         if is_fresh {
             self.order = Some(1);
         }
-        let not_after = self.order.map_or(NOW.before(SECOND), |left| NOW.after(SECOND * u32::try_from(left).unwrap()));
+        let not_after =
+            self.order.map_or(NOW.before(SECOND), |left| NOW.after(SECOND * u32::try_from(left).unwrap()));
         let decision = match mode {
             Mode::Follow => Some((self.decides(settings), self.wanted)),
             // Without a guard nothing is decided while readings are stale.
             Mode::Hold | Mode::Finish => self.guard.map(|guard| (guard, guard)),
         };
         self.target = decision.map_or(self.target, |(_, target)| target);
-        let decision = decision
-            .map(|(offset, target)| Demanded { offset, target: Some(target), at: NOW, not_after, mode });
+        let decision = decision.map(|(offset, target)| Demanded {
+            offset,
+            target: Some(target),
+            at: NOW,
+            not_after,
+            mode,
+        });
         let is_due = decision.is_some() || self.wakes() <= NOW;
         if is_due && matches!(self.action(), Action::Nothing { .. }) {
             return self.give(settings, self.demand(decision));

@@ -81,7 +81,8 @@ impl Shifted for Controller {
 impl Controller {
     /// Controller of a register at a start. `pauses`: pauses of the computer so far.
     pub fn new(settings: &Settings, state: State, pauses: u64, now: Moment) -> Controller {
-        let mut policy = Policy { inputs: LastInputs { pauses, ..LastInputs::default() }, ..Policy::default() };
+        let mut policy =
+            Policy { inputs: LastInputs { pauses, ..LastInputs::default() }, ..Policy::default() };
         if is_open(&state, settings) {
             policy.said.first(Topic::Division);
         }
@@ -197,7 +198,11 @@ impl Controller {
             self.policy.applied.register_is(value, now);
         }
         let is_open = !matches!(before, Action::Nothing { .. }) && !input.is_result();
-        if is_open && self.policy.action == before { Action::Nothing { until: Moment::END } } else { self.policy.action }
+        if is_open && self.policy.action == before {
+            Action::Nothing { until: Moment::END }
+        } else {
+            self.policy.action
+        }
     }
 
     /// When the control is to be asked what it applies.

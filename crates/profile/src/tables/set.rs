@@ -173,7 +173,9 @@ impl OutputSet {
         let has_own = self.heartbeat.is_some() || self.control.is_some();
         (has_own && !self.has_own_words_apart()).then(|| {
             let refresh = self.members(profile).filter_map(|output| output.refresh).min();
-            profile.bus(profile.device(self.device).bus).late + refresh.unwrap_or_default() + Duration::from_secs(1)
+            profile.bus(profile.device(self.device).bus).late
+                + refresh.unwrap_or_default()
+                + Duration::from_secs(1)
         })
     }
 

@@ -6,7 +6,8 @@ use std::io::Read;
 use csv::StringRecord;
 
 use super::{
-    BEGIN, Beginning, CLOCK, CZ, DemandDetail, FAILURES, FAULT, HEADER, SEALED, Towards, WRITES, action, input,
+    BEGIN, Beginning, CLOCK, CZ, DemandDetail, FAILURES, FAULT, HEADER, SEALED, Towards, WRITES, action,
+    input,
 };
 use crate::gateway::log::LogError;
 use crate::gateway::log::reader::unreadable;

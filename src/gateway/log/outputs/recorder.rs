@@ -3,9 +3,7 @@
 use std::fmt::Display;
 use std::io::Write;
 
-use super::{
-    BEGIN, Beginning, CLOCK, CZ, Detail, FAILURES, FAULT, WRITES, cells_of_action, cells_of_input,
-};
+use super::{BEGIN, Beginning, CLOCK, CZ, Detail, FAILURES, FAULT, WRITES, cells_of_action, cells_of_input};
 use crate::clock::Correction;
 use crate::gateway::log::recorder::{cell, has_to_be_quoted, number};
 use isotherm_core::output::{Action, Input};

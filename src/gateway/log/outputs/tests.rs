@@ -30,10 +30,11 @@ fn settings(is_shared: bool) -> Settings {
 
 fn inputs() -> Vec<Input> {
     let demand = |at: Moment, value: i64, armed| {
-        let decision = |target, mode| {
-            Some(Demanded { offset: Counts(value), target, at: NOON, not_after: at, mode })
+        let decision =
+            |target, mode| Some(Demanded { offset: Counts(value), target, at: NOON, not_after: at, mode });
+        let of = |interlock, decision| {
+            Input::Demand(Demand { armed, interlock, decision, restarts: 7, pauses: 0 })
         };
-        let of = |interlock, decision| Input::Demand(Demand { armed, interlock, decision, restarts: 7, pauses: 0 });
         [
             of(Condition::Met, decision(Some(Counts(value.wrapping_neg())), Mode::Follow)),
             of(Condition::NotMet, decision(None, Mode::Hold)),
@@ -53,7 +54,11 @@ fn inputs() -> Vec<Input> {
             ];
             let armed = [None, Some(Who::Person), Some(Who::Policy)];
             let demands = armed.into_iter().flat_map(move |armed| demand(at, value, armed));
-            facts.map(Input::Fact).into_iter().chain(demands).chain([Input::Applied { found: Some(value), asked: at }])
+            facts
+                .map(Input::Fact)
+                .into_iter()
+                .chain(demands)
+                .chain([Input::Applied { found: Some(value), asked: at }])
         });
         let facts = [Fact::Done { left: at }, Fact::Unknown { left: at }].map(Input::Fact);
         let applied = [Input::Applied { found: None, asked: at }, Input::AppliedNoAnswer { asked: at }];

@@ -1,22 +1,21 @@
-//! The number that each set bears, and what it says of what the control has taken. Pure.
+//! Number of a set, as its register shows it.
 //!
-//! A control takes a set when its number is another than the last, or nothing but the next one. So no number may come
-//! twice with something new, and none may be left out: a set follows the newest number that stood in the register. A set
-//! that comes late puts an older number back, or other values under the same; then what stands there was perhaps not taken.
+//! A control takes a set when its number is another than the last, or nothing but the next one. So no number may come twice with other
+//! values, and none may be left out: a set follows the newest number that the register has held. A set that arrives late puts an older
+//! number back, or other values under the same number. Then the control has perhaps not taken the register values.
 
 use std::time::Duration;
 
-use isotherm_core::codec::Encoded;
-use isotherm_core::quantity::Moment;
+use crate::quantity::{Counts, Moment};
 
-/// So many sets at most are sent while one of them is on its way: ten a second, a minute and more.
+/// Sets that are sent at most while one of them is on its way: ten a second, for a minute and more.
 const LATELY: u16 = 1024;
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Sequence {
-    /// The newest that stood in the register, and what stood beside it then.
-    newest: Option<(u16, Vec<Encoded>)>,
-    /// Since when an older one has stood there.
+    /// Newest number that the register has held, and the values beside it then.
+    newest: Option<(u16, Vec<Counts>)>,
+    /// Since when the register has held an older number.
     older_since: Option<Moment>,
 }
 
@@ -26,15 +25,17 @@ impl Sequence {
         self.newest.as_ref().map(|(newest, _)| *newest)
     }
 
+    /// Number of the next set.
     pub(super) fn next(&self) -> u16 {
         next(self.newest.as_ref().map_or(0, |(newest, _)| *newest))
     }
 
-    /// This number and these values stand there. Whether the control has perhaps taken something else: a set came late.
-    pub(super) fn stands(&mut self, number: u16, values: &[Encoded], now: Moment, late: Duration) -> bool {
+    /// The registers hold this number and these values. Returns whether the control has perhaps taken something else, because a set
+    /// arrived late.
+    pub(super) fn stands(&mut self, number: u16, values: &[Counts], now: Moment, late: Duration) -> bool {
         let Some((newest, beside)) = self.newest.as_ref().filter(|(newest, _)| !is_older(*newest, number))
         else {
-            // What no set of ours can be any more is the control's own: it remembers another day.
+            // A number that no set of the gateway can have any more is the control's own, from another day.
             let since = *self.older_since.get_or_insert(now);
             if self.newest.is_none() || now.since(since) > late {
                 (self.newest, self.older_since) = (Some((number, values.to_vec())), None);
@@ -50,7 +51,7 @@ impl Sequence {
         is_late
     }
 
-    /// The control was restarted: whatever number it has then is the one to follow.
+    /// The control was restarted: the set follows whatever number its register holds then.
     pub(super) fn forget(&mut self) {
         *self = Sequence::default();
     }
@@ -116,7 +117,7 @@ mod tests {
 
     #[test]
     fn other_values_under_the_same_number_or_an_older_one_were_perhaps_not_taken() {
-        let [one, two] = [1, 2].map(|word| Encoded::of(&[word]));
+        let [one, two] = [1, 2].map(Counts);
         let mut sequence = Sequence::default();
         assert!(!sequence.stands(41, &[one], second(0), LATE));
         assert!(!sequence.stands(42, &[two], second(1), LATE));

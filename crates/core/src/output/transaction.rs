@@ -1,0 +1,258 @@
+//! Set of outputs on its way to the control: what was sent, what was taken of it, and under which number.
+//!
+//! A control takes a set when its number changes or its strobe rises. If that is not in one request with the values, the registers can
+//! hold values that the control has not taken. What it has taken is at most a step from them. So until the control has taken the
+//! register values, nothing else is sent. The next run begins with them, if this one does not end in order.
+
+use std::time::Duration;
+
+use super::demand::SetCommit;
+use super::numbers::{Attempt, Numbers};
+use super::sequence::Sequence;
+use crate::quantity::{Counts, Moment};
+
+/// How a control takes a set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Taking {
+    /// With the request that carries the values: the control takes what its registers hold, or takes it when the number changes.
+    AtOnce,
+    /// When the number changes, which is written after the values.
+    Number,
+    /// When the strobe rises. It acknowledges that.
+    Strobe,
+    /// As its nodes are written: a server may carry out a call by half.
+    Nodes,
+}
+
+/// What is known of a number that is sent next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum NextNumber {
+    /// The control has not had it.
+    New,
+    /// The control may have had it with other values: an earlier run may have sent it.
+    PerhapsOld,
+}
+
+/// How the last run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum LastRun {
+    /// In order: the control has taken what the registers hold at first.
+    InOrder,
+    /// Not in order, or the registers were read since.
+    Over,
+}
+
+/// A set and its control.
+#[derive(Clone, Debug)]
+pub struct Transaction {
+    taking: Taking,
+    last_run: LastRun,
+    /// What was sent and is to be taken.
+    sent: Option<Vec<Counts>>,
+    /// What the outputs held when the control took them last.
+    taken: Option<Vec<Counts>>,
+    sequence: Sequence,
+    /// Numbers of a set that the control acknowledges, once its register was read.
+    numbers: Option<Numbers>,
+    /// Values of the last attempt since the control acknowledged one.
+    tried: Option<Vec<Counts>>,
+    next_number: NextNumber,
+}
+
+/// One member of a set.
+#[derive(Clone, Copy, Debug)]
+pub struct Member {
+    /// Register value as last verified.
+    pub held: Counts,
+    /// Whether the axis is armed and the interlock closed, and whether the control has taken the register value.
+    pub state: MemberState,
+}
+
+/// Whether a member may be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MemberState {
+    /// Its axis is off or its interlock open.
+    Idle,
+    /// It is driven, and the control has taken what it holds.
+    Driven,
+    /// It is driven, and the control may not have taken what it holds.
+    Bound,
+    /// Its axis is off or its interlock open, and the control may not have taken what it holds.
+    IdleAndBound,
+}
+
+impl MemberState {
+    /// State of a member.
+    pub fn of(is_driven: bool, is_bound: bool) -> MemberState {
+        match (is_driven, is_bound) {
+            (false, false) => MemberState::Idle,
+            (true, false) => MemberState::Driven,
+            (true, true) => MemberState::Bound,
+            (false, true) => MemberState::IdleAndBound,
+        }
+    }
+
+    fn is_driven(self) -> bool {
+        matches!(self, MemberState::Driven | MemberState::Bound)
+    }
+
+    fn is_bound(self) -> bool {
+        matches!(self, MemberState::Bound | MemberState::IdleAndBound)
+    }
+}
+
+impl Transaction {
+    /// Set at a start. If the last run did not end in order, the control has perhaps not taken what the registers hold: with the set comes
+    /// what its members begin with.
+    pub fn new(taking: Taking, has_number: bool, was_in_order: bool) -> (Transaction, SetCommit) {
+        let is_open = !was_in_order && (has_number || taking != Taking::AtOnce);
+        let transaction = Transaction {
+            taking,
+            last_run: if was_in_order { LastRun::InOrder } else { LastRun::Over },
+            sent: None,
+            taken: None,
+            sequence: Sequence::default(),
+            numbers: None,
+            tried: None,
+            next_number: if is_open && has_number { NextNumber::PerhapsOld } else { NextNumber::New },
+        };
+        (transaction, if is_open { SetCommit::Open } else { SetCommit::Taken })
+    }
+
+    /// The registers hold these values under this number. What was not taken is to be taken before anything else is sent. Returns what
+    /// that makes of the members. `None`: nothing.
+    pub fn read(
+        &mut self,
+        number: Option<u16>,
+        values: &[Counts],
+        late: Duration,
+        now: Moment,
+    ) -> Option<SetCommit> {
+        let is_late = number.is_some_and(|number| self.sequence.stands(number, values, now, late));
+        let was_in_order = std::mem::replace(&mut self.last_run, LastRun::Over) == LastRun::InOrder;
+        if was_in_order {
+            self.taken = Some(values.to_vec());
+        }
+        if self.taking == Taking::Strobe {
+            self.number_is(was_in_order);
+        }
+        if is_late && self.taking == Taking::AtOnce {
+            self.sent = None;
+        }
+        let is_untaken = self.taken.as_deref() != Some(values);
+        match self.taking {
+            Taking::AtOnce if is_late => Some(SetCommit::Open),
+            Taking::AtOnce => None,
+            _ if is_untaken => Some(SetCommit::Open),
+            _ => Some(SetCommit::Taken),
+        }
+    }
+
+    /// Compares the newest number of the register with the numbers that the control may have.
+    fn number_is(&mut self, was_in_order: bool) {
+        let Some(newest) = self.sequence.newest() else { return };
+        let next = std::mem::replace(&mut self.next_number, NextNumber::New);
+        self.numbers = Some(match self.numbers {
+            Some(numbers) if numbers.contains(newest) => {
+                self.next_number = next;
+                numbers
+            }
+            None if next == NextNumber::PerhapsOld && !was_in_order => Numbers::perhaps(newest),
+            // The control has set another number itself.
+            Some(_) | None => Numbers::after(newest),
+        });
+    }
+
+    /// Number of the next set.
+    pub fn next_number(&self) -> u16 {
+        self.numbers.map_or_else(|| self.sequence.next(), |numbers| numbers.next())
+    }
+
+    /// The control was restarted: the set follows whatever number its register holds then.
+    pub fn forget_number(&mut self) {
+        self.sequence.forget();
+        (self.numbers, self.tried) = (None, None);
+    }
+
+    /// These values have been sent, or may have been.
+    pub fn sends(&mut self, values: Vec<Counts>) {
+        if let Some(numbers) = &mut self.numbers
+            && self.tried.as_ref().is_some_and(|tried| *tried != values)
+        {
+            numbers.change_values();
+        }
+        self.tried = Some(values.clone());
+        self.sent = Some(values);
+    }
+
+    /// Not all of a request was answered as done. Returns what that makes of the members. `None`: nothing.
+    pub fn is_not_done(&self) -> Option<SetCommit> {
+        (self.taking != Taking::AtOnce).then_some(SetCommit::Open)
+    }
+
+    /// Returns whether the registers hold what was sent.
+    pub fn is_sent(&self, values: &[Counts]) -> bool {
+        self.sent.as_deref() == Some(values)
+    }
+
+    /// Takes note of the result of an attempt to have the set taken.
+    pub fn attempt(&mut self, attempt: Attempt) {
+        if attempt == Attempt::Acknowledged {
+            self.tried = None;
+        }
+        let Some(numbers) = &mut self.numbers else { return };
+        if !numbers.result(attempt) && attempt == Attempt::Acknowledged {
+            // The same values follow under the next number.
+            self.next_number = NextNumber::PerhapsOld;
+        }
+    }
+
+    /// What was sent, if some of the members hold it and some do not.
+    fn half_sent(&self, members: &[Member]) -> Option<&[Counts]> {
+        let sent = self.sent.as_ref().filter(|_| members.iter().any(|member| member.state.is_bound()))?;
+        let is_new = |place: usize| self.taken.as_ref().is_none_or(|taken| taken[place] != sent[place]);
+        let driven = members.iter().zip(sent).enumerate();
+        let driven = driven.filter(|(place, (member, _))| member.state.is_driven() && is_new(*place));
+        let (held, missing): (Vec<bool>, Vec<bool>) =
+            driven.map(|(_, (member, value))| member.held == *value).partition(|is_held| *is_held);
+        (!held.is_empty() && !missing.is_empty()).then_some(sent)
+    }
+
+    /// What was sent, if the registers hold it by half and the rest can be sent once more. It cannot after something else has happened to
+    /// a member, and not on readings that are too old: `can_be` says so of each.
+    pub fn demanded_again(
+        &mut self,
+        members: &[Member],
+        can_be: impl Fn(usize, Counts) -> bool,
+    ) -> Option<Vec<Counts>> {
+        let values = self.half_sent(members)?.to_vec();
+        let can_be = values.iter().enumerate().all(|(place, value)| can_be(place, *value));
+        if !can_be {
+            self.sent = None;
+        }
+        can_be.then_some(values)
+    }
+
+    /// Returns whether these values are all of what was sent before, if the registers hold that by half.
+    pub fn is_whole(&self, members: &[Member], values: &[Counts]) -> bool {
+        self.half_sent(members).is_none_or(|sent| {
+            let mut each = members.iter().zip(values).zip(sent);
+            each.all(|((member, value), sent)| value == sent || !member.state.is_driven())
+        })
+    }
+
+    /// The control has taken what the registers hold. Returns whether that is known: under a number that the control may have had, the same
+    /// is sent with the next one.
+    pub fn is_taken(&mut self) -> bool {
+        let is_known = std::mem::replace(&mut self.next_number, NextNumber::New) == NextNumber::New;
+        if is_known {
+            self.taken = self.sent.take();
+        }
+        is_known
+    }
+
+    /// The control has not taken what was sent, or nobody knows.
+    pub fn doubt(&mut self) {
+        self.taken = None;
+    }
+}
