@@ -93,7 +93,6 @@ mod state;
 mod transaction;
 mod turns;
 
-pub use applied::AppliedSettings;
 pub use controller::{Controller, MOST_EVENTS, Policy};
 pub use copies::{Copies, LatelySent, MOST_REMEMBERED, MOST_UNDER_WAY, Room, Sent};
 pub use demand::{Condition, Demand, Demanded, Input, Mode, NotSent, SetCommit};
@@ -102,7 +101,7 @@ pub use follow::{Cause, Follow, OutputHealth, Trouble};
 pub use inside::next_inside;
 pub use kept::{Account, Kept, Promise};
 pub use numbers::{Attempt, Numbers};
-pub use settings::{Rules, Settings, Verify};
+pub use settings::{AppliedSettings, Rules, Settings, Verify};
 pub use slots::Slots;
 pub use standing::{Seen, Shown, Standing};
 pub use state::State;

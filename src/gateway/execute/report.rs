@@ -52,9 +52,9 @@ pub(super) fn event(
         }
         output::Event::Interlocked => Event::Interlocked { output, when },
         output::Event::Released => Event::Released { output },
-        output::Event::Opened { account } => {
-            let share = share_in_text(register, account.share);
-            Event::LedgerOpened { output, base: in_text(account.base), share }
+        output::Event::Opened { base, share } => {
+            let share = share_in_text(register, share);
+            Event::LedgerOpened { output, base: in_text(base), share }
         }
         // A request that failed, a disk that failed, and a question to the operator are reported elsewhere. The rest is counted.
         output::Event::WriteRefused { .. }

@@ -7,18 +7,10 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+use super::settings::AppliedSettings;
 use super::standing::Seen;
 use super::state::RETRY;
 use crate::quantity::{Counts, Moment, shifted};
-
-/// Register in which a control says what it applies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct AppliedSettings {
-    /// Largest distance from the register value, in thousandths of a count.
-    pub tolerance: i64,
-    /// Time that the control has to apply a change.
-    pub settle: Duration,
-}
 
 /// What is known of the applied value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]

@@ -413,7 +413,7 @@ impl Controller {
             && let Some(account) = self.state.shown(settings).account
             && self.policy.said.first(Topic::Division)
         {
-            self.report(Event::Opened { account });
+            self.report(Event::Opened { base: account.base, share: account.share });
         }
         self.result(settings, Fact::Kept, now);
     }
@@ -556,7 +556,7 @@ impl Controller {
             action => action,
         };
         let policy = Policy { action, inputs, applied: applied.moved(&to), ..self.policy };
-        Controller { state: self.state.moved(&to), policy, events: Slots::default(), ..*self }
+        Controller { state: self.state.moved(&to), policy, events: Slots::default() }
     }
 }
 

@@ -5,7 +5,6 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 use super::follow::Cause;
-use super::kept::Account;
 use crate::quantity::{Counts, Moment};
 
 /// Something that happened. Values are counts of the register.
@@ -109,8 +108,10 @@ pub enum Event {
     NotApplied,
     /// The division of a shared register is known and on disk.
     Opened {
-        /// Operator offset and gateway share.
-        account: Account,
+        /// Operator offset.
+        base: Counts,
+        /// Gateway share.
+        share: Counts,
     },
     /// Only the operator can say how the register value divides. The axis is off.
     Question,

@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::applied::AppliedSettings;
 use crate::quantity::Counts;
 
 /// One output. Counts are those of the register; whoever calls converts from µm.
@@ -60,6 +59,15 @@ impl Settings {
     pub(super) fn reach(&self) -> Counts {
         if self.is_shared { self.step - Counts(1) } else { self.step }
     }
+}
+
+/// Register in which a control says what it applies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct AppliedSettings {
+    /// Largest distance from the register value, in thousandths of a count.
+    pub tolerance: i64,
+    /// Time that the control has to apply a change.
+    pub settle: Duration,
 }
 
 /// How a write is known to stand there.
