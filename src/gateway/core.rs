@@ -22,6 +22,7 @@ use crate::observe::asker::Way;
 use crate::observe::events::Event;
 use isotherm_core::compensation::settings::OnFault;
 use isotherm_core::compensation::{AxisState, Compensation, Control, Decision, Remembered, Snapshot};
+use isotherm_core::output::farthest_behind;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::Reason;
 use isotherm_profile::duration_text;
@@ -390,9 +391,7 @@ impl Core {
             let cz = state.cz.filter(|_| takes_cz && state.standing == Standing::Verified)?;
             (!self.is_there(decision, output, state, cz)).then_some(cz)
         };
-        let all = self.outputs.ids(axis).iter().filter_map(waits);
-        let distance = |cz: &Micron| (*cz - decision.cz).abs().get();
-        all.max_by(|one, other| distance(one).total_cmp(&distance(other)))
+        farthest_behind(decision.cz, self.outputs.ids(axis).iter().filter_map(waits))
     }
 
     /// Returns whether this verified Cz is the decided one, to half a count of its register.

@@ -4,6 +4,7 @@
 
 mod allocates;
 mod moves;
+mod pair;
 mod rig;
 mod rows;
 mod search;

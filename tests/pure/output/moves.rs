@@ -1,6 +1,6 @@
 //! Everything that can happen next in a world.
 
-use isotherm_core::output::{Action, Condition, Fact, Input, Kept, NotSent, Settings, Standing, Verify};
+use isotherm_core::output::{Action, ArmState, Condition, Fact, Input, Kept, NotSent, Settings, Verify};
 
 use isotherm_core::quantity::Counts;
 
@@ -152,7 +152,7 @@ fn quiet(world: &World, settings: &Settings, go: &mut Go<'_>) {
         }
     }
     let shown = world.shown(settings);
-    if shown.is_some_and(|shown| matches!(shown.standing, Standing::Barred | Standing::Off)) {
+    if shown.is_some_and(|shown| matches!(shown.standing, ArmState::Barred | ArmState::Off)) {
         go("a person decides", &mut |next| next.persons_turn(settings, false).map(|_| ()));
         go("a person decides at once", &mut |next| next.persons_turn(settings, true).map(|_| ()));
     }

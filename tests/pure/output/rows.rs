@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use isotherm_core::output::{
-    Account, Action, Doubt, Event, Fact, Kept, Rules, Settings, Standing, Verify, Who,
+    Account, Action, ArmState, Doubt, Event, Fact, Kept, Rules, Settings, Verify, Who,
 };
 use isotherm_core::quantity::Counts;
 
@@ -26,7 +26,7 @@ fn doubt(rig: &Rig) -> Option<Doubt> {
     })
 }
 
-fn standing(rig: &Rig) -> Standing {
+fn standing(rig: &Rig) -> ArmState {
     rig.state.shown(&rig.settings).standing
 }
 
@@ -103,7 +103,7 @@ fn a_value_lately_sent_is_taken_over_in_a_whole_register() {
     rig.register = lately(&mut rig, 3);
     assert_eq!(rig.seconds(2, 2), Some(2));
     assert!(rig.has_reported(|event| matches!(event, Event::OwnWriteArrivedLate { value: Counts(3), .. })));
-    assert_eq!(standing(&rig), Standing::Armed);
+    assert_eq!(standing(&rig), ArmState::Armed);
 }
 
 #[test]
@@ -111,7 +111,7 @@ fn a_value_lately_sent_is_doubt_in_a_shared_register() {
     let mut rig = shared(3, 0);
     rig.register = lately(&mut rig, 2);
     assert_eq!(rig.seconds(1, 0), None);
-    assert_eq!((doubt(&rig), standing(&rig)), (Some(Doubt::YoursOrOurs), Standing::Barred));
+    assert_eq!((doubt(&rig), standing(&rig)), (Some(Doubt::YoursOrOurs), ArmState::Barred));
 }
 
 #[test]
@@ -217,7 +217,7 @@ fn the_first_account_that_is_not_zero_waits_for_a_person() {
     assert_eq!(rig.seconds(2, 2), None);
     rig.give(Fact::Armed { by: Who::Person });
     assert_eq!(rig.settle(), None);
-    assert_eq!((rig.parts(), standing(&rig)), ((7, 0), Standing::Armed));
+    assert_eq!((rig.parts(), standing(&rig)), ((7, 0), ArmState::Armed));
     assert_eq!(rig.want(2), Some(9));
 }
 
@@ -229,7 +229,7 @@ fn what_a_person_types_while_it_is_in_doubt_ends_no_copy() {
     rig.register = 4;
     rig.give(Fact::Restarted);
     rig.settle();
-    assert_eq!(standing(&rig), Standing::Barred);
+    assert_eq!(standing(&rig), ArmState::Barred);
     rig.register = 5;
     rig.seconds(1, 2);
     assert_eq!(rig.state.copies().under_way().count(), 1);
@@ -237,7 +237,7 @@ fn what_a_person_types_while_it_is_in_doubt_ends_no_copy() {
 
 #[test]
 fn a_register_that_turns_to_what_may_be_ours_while_a_person_arms_stays_in_doubt() {
-    for (turns_to, standing_then) in [(5, Standing::Barred), (0, Standing::Barred), (6, Standing::Armed)] {
+    for (turns_to, standing_then) in [(5, ArmState::Barred), (0, ArmState::Barred), (6, ArmState::Armed)] {
         let mut rig = shared(3, 1);
         assert_eq!(rig.want(2), Some(5));
         rig.held();
@@ -248,10 +248,10 @@ fn a_register_that_turns_to_what_may_be_ours_while_a_person_arms_stays_in_doubt(
         rig.register = turns_to;
         assert_eq!(rig.settle(), None);
         assert_eq!(standing(&rig), standing_then, "{turns_to}");
-        rig.register = if standing_then == Standing::Armed { 6 } else { 7 };
+        rig.register = if standing_then == ArmState::Armed { 6 } else { 7 };
         rig.give(Fact::Armed { by: Who::Person });
         assert_eq!(rig.settle(), None);
-        assert_eq!(standing(&rig), Standing::Armed, "{turns_to}");
+        assert_eq!(standing(&rig), ArmState::Armed, "{turns_to}");
         let (base, share) = rig.parts();
         assert_eq!(base + share, rig.register);
     }
@@ -441,7 +441,7 @@ fn what_was_sent_beside_another_part_of_the_operators_is_not_taken_for_a_share_b
     assert_eq!((doubt(&rig), rig.parts()), (None, (103, 0)));
     rig.register = 5;
     assert_eq!(rig.seconds(1, 2), None);
-    assert_eq!((doubt(&rig), standing(&rig)), (Some(Doubt::YoursOrOurs), Standing::Barred));
+    assert_eq!((doubt(&rig), standing(&rig)), (Some(Doubt::YoursOrOurs), ArmState::Barred));
     assert_eq!(rig.parts(), (103, 0), "no share of nearly a hundred");
 }
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use isotherm_core::output::{Account, Doubt, Event, Kept, Standing};
+use isotherm_core::output::{Account, ArmState, Doubt, Event, Kept};
 use isotherm_core::quantity::Counts;
 
 use super::rig::Rig;
@@ -31,7 +31,7 @@ fn why_off(rig: &Rig) -> Option<Doubt> {
         Event::Doubted { doubt, .. } => Some(*doubt),
         _ => None,
     });
-    doubts.next_back().filter(|_| standing == Standing::Barred)
+    doubts.next_back().filter(|_| standing == ArmState::Barred)
 }
 
 #[test]

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use isotherm_core::output::{
-    Account, Action, Condition, Controller, Demand, Demanded, Event, Fact, Input, Kept, Mode, OutputHealth,
-    Promise, Settings, Slots, Standing, State, Verify, Who,
+    Account, Action, ArmState, Condition, Controller, Demand, Demanded, Event, Fact, Input, Kept, Mode,
+    OutputHealth, Promise, Settings, Slots, State, Verify, Who,
 };
 use isotherm_core::quantity::{Counts, Moment};
 
@@ -222,7 +222,7 @@ impl World {
             self.order = None;
         }
         let is_switched_off = matches!(input, Input::Demand(Demand { armed: None, .. }));
-        if before == Standing::Armed && shown.standing != Standing::Armed && !is_switched_off {
+        if before == ArmState::Armed && shown.standing != ArmState::Armed && !is_switched_off {
             let is_reported = events.iter().any(|event| event.switches_off());
             is_reported.then_some(()).ok_or("switched off without a reason reported")?;
         }
@@ -270,7 +270,7 @@ impl World {
         let inside = |value: Counts| settings.is_shared || (value - settings.bias).abs() <= settings.limit;
         let is_known = shown.verified.is_some_and(|seen| inside(seen.value));
         let is_idle = matches!(self.action(), Action::Nothing { .. });
-        if shown.standing == Standing::Off && is_known && is_idle && self.armed.is_none() {
+        if shown.standing == ArmState::Off && is_known && is_idle && self.armed.is_none() {
             self.takes_over(settings);
             self.armed = Some(Who::Policy);
             return self.give(settings, self.demand(None));
@@ -523,7 +523,7 @@ impl World {
         let Some(shown) = self.shown(settings) else { return Ok(false) };
         let stands = shown.verified.map(|seen| seen.value);
         let is_beyond = !settings.is_shared && (self.register - settings.bias).abs() > settings.limit;
-        if shown.standing != Standing::Barred && !(shown.standing == Standing::Off && is_beyond) {
+        if shown.standing != ArmState::Barred && !(shown.standing == ArmState::Off && is_beyond) {
             return Ok(false);
         }
         let is_on_disk = self.disk.and_then(|kept| kept.account).is_none_or(|one| one.doubt.is_some());
@@ -562,16 +562,26 @@ impl World {
             return Ok(());
         }
         let mode = self.mode(settings, is_fresh);
-        if is_fresh {
-            self.order = Some(1);
-        }
-        let not_after =
-            self.order.map_or(NOW.before(SECOND), |left| NOW.after(SECOND * u32::try_from(left).unwrap()));
         let decision = match mode {
             Mode::Follow => Some((self.decides(settings), self.wanted)),
             // Without a guard nothing is decided while readings are stale.
             Mode::Hold | Mode::Finish => self.guard.map(|guard| (guard, guard)),
         };
+        self.decided(settings, decision, (mode, is_fresh))
+    }
+
+    /// The axis has decided, or not.
+    pub(crate) fn decided(
+        &mut self,
+        settings: &Settings,
+        decision: Option<(Counts, Counts)>,
+        (mode, is_fresh): (Mode, bool),
+    ) -> Broken {
+        if is_fresh {
+            self.order = Some(1);
+        }
+        let until = |left| NOW.after(SECOND * u32::try_from(left).unwrap());
+        let not_after = self.order.map_or(NOW.before(SECOND), until);
         self.target = decision.map_or(self.target, |(_, target)| target);
         let decision = decision.map(|(offset, target)| Demanded {
             offset,
@@ -588,7 +598,7 @@ impl World {
     }
 
     /// What the axis does: it holds while its readings are stale, and while its output is in trouble or locked.
-    fn mode(&self, settings: &Settings, is_fresh: bool) -> Mode {
+    pub(crate) fn mode(&self, settings: &Settings, is_fresh: bool) -> Mode {
         let health = self.gateway.and_then(|gateway| gateway.health(settings, self.interlock));
         match health {
             _ if !is_fresh => Mode::Hold,

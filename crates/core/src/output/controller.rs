@@ -30,7 +30,7 @@ use super::follow::{Cause, Follow, OutputHealth, Trouble};
 use super::reports::{Said, Topic};
 use super::settings::{Settings, Verify};
 use super::slots::Slots;
-use super::standing::Standing;
+use super::standing::ArmState;
 use super::{Action, Event, Fact, State, step};
 use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
 
@@ -173,7 +173,7 @@ impl Controller {
         let shown = self.state.shown(settings);
         let _ = shown.verified?;
         Some(match (shown.standing, interlock) {
-            (Standing::Barred, _) => OutputHealth::Foreign,
+            (ArmState::Barred, _) => OutputHealth::Foreign,
             (_, Condition::NotMet) if self.state.is_interlocked() => OutputHealth::Interlocked,
             (_, Condition::Unknown) if self.state.is_interlocked() => OutputHealth::Unverified,
             _ if self.policy.trouble.is_some() => OutputHealth::Unverified,
@@ -507,7 +507,7 @@ impl Controller {
     /// Only the operator can say how the register value divides: the axis is off until he arms it. He must not be overruled then.
     fn ask(&mut self, settings: &Settings) {
         let shown = self.state.shown(settings);
-        let is_asked = settings.is_shared && shown.standing == Standing::Barred && shown.verified.is_some();
+        let is_asked = settings.is_shared && shown.standing == ArmState::Barred && shown.verified.is_some();
         if is_asked && self.policy.said.first(Topic::Question) {
             self.policy.inputs.is_armed = false;
             self.report(Event::Question);

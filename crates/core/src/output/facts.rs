@@ -5,7 +5,7 @@ use super::event::{Doubt, Event};
 use super::judge::{self, Meaning};
 use super::kept::Account;
 use super::settings::{Settings, Verify};
-use super::standing::{Doing, Order, Seen, Standing, Untaken};
+use super::standing::{ArmState, Doing, Order, Seen, Untaken};
 use super::state::{RETRY, State};
 use super::turns::Turns;
 use super::{Fact, Who};
@@ -75,8 +75,8 @@ pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Mome
         }
         Fact::Armed { by } => arm(state, settings, by),
         Fact::Off => {
-            let is_barred = matches!(state.standing, Standing::Barred | Standing::Confirming(_));
-            switch_off(state, if is_barred { Standing::Barred } else { Standing::Off });
+            let is_barred = matches!(state.standing, ArmState::Barred | ArmState::Confirming(_));
+            switch_off(state, if is_barred { ArmState::Barred } else { ArmState::Off });
         }
         // Nobody asked for it.
         Fact::Read { .. } | Fact::NoAnswer | Fact::Kept | Fact::NotKept => {}
@@ -135,10 +135,10 @@ fn follow(
             }
         }
         Meaning::First if settings.is_shared && !settings.is_zero(found) => {
-            if state.standing != Standing::Barred {
+            if state.standing != ArmState::Barred {
                 state.reports.report(Event::FirstAccount { found });
             }
-            switch_off(state, Standing::Barred);
+            switch_off(state, ArmState::Barred);
         }
         Meaning::First if settings.is_shared => has_nothing_of_ours(state, found),
         Meaning::First => {}
@@ -216,13 +216,13 @@ fn doubt(state: &mut State, doubt: Doubt, found: Counts) {
     let account = state.account.unwrap_or_default();
     account_is(state, Account { doubt: Some(doubt), ..account });
     state.reports.report(Event::Doubted { doubt, found, share: account.share });
-    switch_off(state, Standing::Barred);
+    switch_off(state, ArmState::Barred);
 }
 
 fn bar_foreign(state: &mut State, expected: Counts, found: Counts) {
-    if state.standing == Standing::Armed {
+    if state.standing == ArmState::Armed {
         state.reports.report(Event::ForeignValue { expected, found });
-        switch_off(state, Standing::Barred);
+        switch_off(state, ArmState::Barred);
     }
 }
 
@@ -231,18 +231,18 @@ fn arm(state: &mut State, settings: &Settings, by: Who) {
     state.drop_order(settings);
     let is_confirmed = state.account.is_some_and(|account| account.doubt.is_none());
     match (state.standing, by) {
-        (Standing::Armed | Standing::Confirming(_), _) | (Standing::Barred, Who::Policy) => {}
+        (ArmState::Armed | ArmState::Confirming(_), _) | (ArmState::Barred, Who::Policy) => {}
         _ if !settings.is_shared || is_confirmed => {
             if by == Who::Person {
                 state.copies.pin();
             }
-            state.standing = Standing::Armed;
+            state.standing = ArmState::Armed;
         }
         (_, Who::Policy) => {}
         (_, Who::Person) => {
             state.copies.pin();
             state.must_read = true;
-            let shown = state.verified.map(|verified| Standing::Confirming(verified.value));
+            let shown = state.verified.map(|verified| ArmState::Confirming(verified.value));
             state.standing = shown.unwrap_or(state.standing);
         }
     }
@@ -252,14 +252,14 @@ fn arm(state: &mut State, settings: &Settings, by: Who) {
 /// He may have done that after it was last read; but what may have come from us, or from a restarted CNC, need not be
 /// what he said. What stood before the doubt is the same, whoever put it there again.
 fn confirm(state: &mut State, settings: &Settings, found: Counts) {
-    let Standing::Confirming(shown) = state.standing else { return };
+    let ArmState::Confirming(shown) = state.standing else { return };
     let account = state.account.unwrap_or_default();
     let is_ours = state.copies.of(found).is_some() || state.copies.lately_of(found).is_some();
     if settings.is_zero(found) && account.share != Counts::ZERO {
         doubt(state, Doubt::ZeroOrOurs, found);
     } else if found == shown || !is_ours || found == account.base + account.share {
         account_is(state, Account { base: found - account.share, share: account.share, doubt: None });
-        state.standing = Standing::Armed;
+        state.standing = ArmState::Armed;
     } else {
         doubt(state, Doubt::ChangedWhileArming, found);
     }
@@ -300,7 +300,7 @@ fn written(state: &mut State, settings: &Settings, answered: Option<Moment>, lef
         state.writes_from = now.after(RETRY);
         state.drop_order(settings);
         // A shared register is not written again to find out: that it is read shows enough.
-        if state.standing == Standing::Armed && !settings.is_shared {
+        if state.standing == ArmState::Armed && !settings.is_shared {
             state.untaken = Some(Untaken::Refused);
         }
     }
@@ -323,8 +323,8 @@ fn not_written(state: &mut State, settings: &Settings, now: Moment) -> Option<Co
     Some(value)
 }
 
-fn switch_off(state: &mut State, to: Standing) {
-    if to == Standing::Barred {
+fn switch_off(state: &mut State, to: ArmState) {
+    if to == ArmState::Barred {
         // A person may type anything now, also what is under way: that ends nothing.
         state.copies.pin();
     }

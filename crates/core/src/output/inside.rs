@@ -1,5 +1,7 @@
 //! The Cz inside a corrected position, which is written again and again with a new position each time.
 
+use std::ops::Sub;
+
 use crate::quantity::Micron;
 
 /// The Cz of the next position, if `last` went into the one before: towards the target by one step at most, and never away from it
@@ -14,6 +16,19 @@ pub fn next_inside(last: Micron, decided: Micron, target: Micron, step: Micron) 
     } else {
         next
     }
+}
+
+/// Verified value that is farthest from the last decision. An axis with several outputs stays within one step of it. `values` are those of
+/// the outputs that answer and do not hold the decision. `None` if there is none.
+pub fn farthest_behind<T>(decided: T, values: impl Iterator<Item = T>) -> Option<T>
+where
+    T: Copy + PartialOrd + Sub<Output = T>,
+{
+    let distance = |value: T| if value > decided { value - decided } else { decided - value };
+    values.fold(None, |farthest, value| match farthest {
+        Some(known) if distance(known) >= distance(value) => Some(known),
+        _ => Some(value),
+    })
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use super::Action;
 use super::copies::{Copies, Room};
 use super::event::Event;
 use super::settings::{Settings, Verify};
-use super::standing::{Doing, Order, Seen, Standing, Untaken};
+use super::standing::{ArmState, Doing, Order, Seen, Untaken};
 use super::state::{RETRY, State};
 use crate::quantity::{Counts, Moment};
 
@@ -42,7 +42,7 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
         return read(state);
     }
     // A whole register says itself what stands in it: what else is known of it goes on disk whenever that is written.
-    let has_to_begin = !state.has_begun_on_disk && state.standing == Standing::Armed;
+    let has_to_begin = !state.has_begun_on_disk && state.standing == ArmState::Armed;
     state.is_unsaved &= settings.promises() || has_to_begin;
     if aim == Some(Aim::There) && state.promised.take().is_some() {
         (state.is_unsaved, state.promised_until) = (true, None);
@@ -100,7 +100,7 @@ pub(super) fn go_along(state: &mut State, settings: &Settings, now: Moment) -> A
 fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
     let order = state.order.filter(|order| now <= order.not_after || !settings.rules.last_moment)?;
     let stands = state.expected()?;
-    (state.standing == Standing::Armed && !state.is_interlocked && !state.must_read).then_some(())?;
+    (state.standing == ArmState::Armed && !state.is_interlocked && !state.must_read).then_some(())?;
     if state.settles_at.is_some() && settings.rules.near_what_may_arrive {
         return Some(Aim::Blocked);
     }
@@ -223,7 +223,7 @@ fn repeats(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) ->
     let is_due = settings.refresh.is_some_and(|refresh| now >= state.written_at.after(refresh));
     let clears = settings.verify == Verify::Echo
         && state.copies.first_over(settings.late).is_some_and(|over| now > over);
-    let may = state.standing == Standing::Armed && !state.is_interlocked && !state.must_read;
+    let may = state.standing == ArmState::Armed && !state.is_interlocked && !state.must_read;
     let is_settled = state.settles_at.is_none() && state.copies.has_room();
     let shows = match state.untaken {
         None => false,
@@ -287,7 +287,7 @@ fn until(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) -> M
     } else {
         Moment::END
     };
-    let is_armed = state.standing == Standing::Armed;
+    let is_armed = state.standing == ArmState::Armed;
     let refresh = settings.refresh.filter(|_| is_armed).map(|refresh| state.written_at.after(refresh));
     let clears = state.copies.first_over(settings.late).filter(|_| is_armed);
     let later = |moment: Moment| if moment > now { moment } else { now.after(RETRY) };

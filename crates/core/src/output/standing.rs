@@ -53,7 +53,7 @@ pub(super) struct Order {
 /// Whether it may be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Standing {
+pub enum ArmState {
     /// Nobody has armed it, or somebody switched it off.
     Off,
     /// Off until a person arms it: something happened that only a person can judge.
@@ -86,7 +86,7 @@ pub struct Shown {
     /// Operator offset and gateway share of a shared register.
     pub account: Option<Account>,
     /// Whether it may be written.
-    pub standing: Standing,
+    pub standing: ArmState,
     /// How many copies may still arrive.
     pub under_way: usize,
     /// Until when a change waits for them.

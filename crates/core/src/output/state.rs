@@ -11,7 +11,7 @@ use super::plan;
 use super::reports::Reports;
 use super::settings::{Settings, Verify};
 use super::slots::Slots;
-use super::standing::{Doing, Order, Seen, Shown, Standing, Untaken};
+use super::standing::{ArmState, Doing, Order, Seen, Shown, Untaken};
 use super::turns::Turns;
 use crate::quantity::{Counts, Moment, shifted};
 
@@ -29,7 +29,7 @@ pub struct State {
     pub(super) answered: Option<Counts>,
     /// Operator offset and gateway share of a shared register, once they are known.
     pub(super) account: Option<Account>,
-    pub(super) standing: Standing,
+    pub(super) standing: ArmState,
     pub(super) is_interlocked: bool,
     /// What is wanted, and until when a change to it may be sent.
     pub(super) order: Option<Order>,
@@ -97,7 +97,7 @@ impl State {
             verified: (!is_read).then_some(acknowledged),
             answered: None,
             account,
-            standing: if is_doubtful { Standing::Barred } else { Standing::Off },
+            standing: if is_doubtful { ArmState::Barred } else { ArmState::Off },
             is_interlocked: false,
             order: None,
             promised: None,
@@ -249,7 +249,7 @@ impl State {
     pub fn may_write(&self, settings: &Settings, now: Moment) -> bool {
         let is_wanted =
             self.order.is_some_and(|order| now <= order.not_after && !self.is_at(settings, order.offset));
-        let is_driven = self.standing == Standing::Armed && !self.is_interlocked;
+        let is_driven = self.standing == ArmState::Armed && !self.is_interlocked;
         is_driven && now >= self.writes_from && (is_wanted || self.untaken.is_some())
     }
 

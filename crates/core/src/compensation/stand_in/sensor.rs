@@ -14,7 +14,7 @@ const AGREES_FOR: Duration = Duration::from_secs(3600);
 /// One sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Sensor {
-    standing: Standing,
+    standing: ArmState,
     /// The last good reading, and when it was there.
     reading: Option<f64>,
     read: Moment,
@@ -55,7 +55,7 @@ pub(super) struct Predicted {
 /// How a sensor stands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum Standing {
+enum ArmState {
     /// It is believed.
     #[default]
     Live,
@@ -86,9 +86,9 @@ pub(in crate::compensation) struct Beginning {
 
 shifted!(Sensor: standing, read, changed, agrees);
 
-impl Shifted for Standing {
+impl Shifted for ArmState {
     fn shift(&mut self, by: Shift) {
-        if let Standing::Frozen(since) | Standing::Lost(since) = self {
+        if let ArmState::Frozen(since) | ArmState::Lost(since) = self {
             since.shift(by);
         }
     }
@@ -96,20 +96,20 @@ impl Shifted for Standing {
 
 impl Sensor {
     pub(super) fn is_live(&self) -> bool {
-        self.standing == Standing::Live
+        self.standing == ArmState::Live
     }
 
     /// Since when it is not believed, and whether it is frozen; else it was lost.
     pub(super) fn distrusted(&self) -> Option<(Moment, bool)> {
         match self.standing {
-            Standing::Live => None,
-            Standing::Frozen(since) => Some((since, true)),
-            Standing::Lost(since) => Some((since, false)),
+            ArmState::Live => None,
+            ArmState::Frozen(since) => Some((since, true)),
+            ArmState::Lost(since) => Some((since, false)),
         }
     }
 
     pub(super) fn is_frozen(&self) -> bool {
-        matches!(self.standing, Standing::Frozen(_))
+        matches!(self.standing, ArmState::Frozen(_))
     }
 
     /// It reads something at this moment, which it was shown already.
@@ -150,7 +150,7 @@ impl Sensor {
         let Some(value) = reading else {
             if self.is_live() {
                 let since = if self.reading.is_some() { self.read } else { now };
-                (self.standing, self.from) = (Standing::Lost(since), self.reading);
+                (self.standing, self.from) = (ArmState::Lost(since), self.reading);
                 let base = self.predicted.map(|predicted| predicted.rise).or(self.base);
                 (self.base, self.was_predicted) = (base.filter(|_| self.reading.is_some()), false);
             }
@@ -163,14 +163,14 @@ impl Sensor {
         let has_changed = self.reading.is_none_or(|last| last.to_bits() != value.to_bits());
         (self.reading, self.read) = (Some(value), now);
         match self.standing {
-            Standing::Live if has_changed => self.begin(value, now),
-            Standing::Live => {}
+            ArmState::Live if has_changed => self.begin(value, now),
+            ArmState::Live => {}
             // It was the line that was lost, or all that could have said what it reads with it.
-            Standing::Lost(since) if now.since(since) < SHORT || !self.was_predicted => {
+            ArmState::Lost(since) if now.since(since) < SHORT || !self.was_predicted => {
                 self.begin(value, now);
             }
-            Standing::Lost(_) => self.moved = true,
-            Standing::Frozen(_) => self.moved |= has_changed,
+            ArmState::Lost(_) => self.moved = true,
+            ArmState::Frozen(_) => self.moved |= has_changed,
         }
         if self.moved && !self.is_live() && self.from.is_none() {
             (self.from, self.base, self.tentative) = (Some(value), None, true);
@@ -208,14 +208,14 @@ impl Sensor {
             if now.since(self.changed) < SHORT || (rise - base).abs() <= threshold {
                 return Verdict::AsBefore;
             }
-            (self.standing, self.moved, self.agrees) = (Standing::Frozen(self.changed), false, None);
+            (self.standing, self.moved, self.agrees) = (ArmState::Frozen(self.changed), false, None);
             return Verdict::Frozen;
         }
         if lent {
             self.agrees = None;
             return Verdict::AsBefore;
         }
-        if let Standing::Lost(since) = self.standing {
+        if let ArmState::Lost(since) = self.standing {
             self.was_predicted |= present && now.since(since) >= SHORT;
         }
         self.base.get_or_insert(rise);
@@ -251,9 +251,9 @@ impl Sensor {
     /// The machine was started: rises are counted from nothing. Where a sensor that is not believed begins, nobody knows.
     pub(super) fn started(&mut self, now: Moment) {
         let is_believed = match self.standing {
-            Standing::Live => true,
-            Standing::Frozen(_) => self.moved,
-            Standing::Lost(_) => self.reads(now),
+            ArmState::Live => true,
+            ArmState::Frozen(_) => self.moved,
+            ArmState::Lost(_) => self.reads(now),
         };
         self.predicted = None;
         match self.reading.filter(|_| is_believed) {
@@ -263,6 +263,6 @@ impl Sensor {
     }
 
     fn is_lost(&self) -> bool {
-        matches!(self.standing, Standing::Lost(_))
+        matches!(self.standing, ArmState::Lost(_))
     }
 }
