@@ -1,10 +1,9 @@
-//! Carries out what [`output::step`](isotherm_core::output::step) asks for, and gives back what came of that.
+//! Executes the actions of the controllers of outputs, and gives them the results. Decides nothing about a register.
 //!
-//! One [`Single`] for each output that is written by itself, one [`Set`] for outputs that land together, and one
-//! [`Position`] for each corrected position, owned by the task of their line. The first two have a
-//! [`register::Register`] for each output: what has happened elsewhere since the last turn (armed, switched off, restarted,
-//! stood still, decided) goes in as facts; then each action is one exchange, whose end is the next fact, until there is
-//! nothing to do. A reference position is an output without a step or a limit.
+//! One [`Single`] for each output that is written by itself, one [`Set`] for outputs that land together, and one [`Position`] for each
+//! corrected position, owned by the task of their line. The first two have a [`register::Register`] for each output, with its
+//! [`Controller`](isotherm_core::output::Controller): the turn begins with the demand of the axis, then each action is one exchange, whose
+//! result is the next input, until there is nothing to do. A reference position is an output without a step or a limit.
 
 use std::time::Duration;
 

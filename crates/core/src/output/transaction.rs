@@ -256,3 +256,98 @@ impl Transaction {
         self.taken = None;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LATE: Duration = Duration::from_secs(30);
+    const NOW: Moment = Moment::from_nanos(1_000_000_000);
+
+    fn counts<const N: usize>(values: [i64; N]) -> Vec<Counts> {
+        values.map(Counts).to_vec()
+    }
+
+    /// A set with a handshake whose registers hold these values under this number.
+    fn acknowledged(was_in_order: bool, number: u16, values: &[Counts]) -> Transaction {
+        let (mut set, commit) = Transaction::new(Taking::Strobe, true, was_in_order);
+        assert_eq!(commit, if was_in_order { SetCommit::Taken } else { SetCommit::Open });
+        let read = set.read(Some(number), values, LATE, NOW);
+        assert_eq!(read, Some(if was_in_order { SetCommit::Taken } else { SetCommit::Open }));
+        set
+    }
+
+    /// The control takes what the registers hold, and acknowledges it. Returns whether that is known.
+    fn takes(set: &mut Transaction, values: &[Counts]) -> bool {
+        set.sends(values.to_vec());
+        set.read(Some(set.next_number()), values, LATE, NOW);
+        assert!(set.is_sent(values));
+        set.attempt(Attempt::Acknowledged);
+        set.is_taken()
+    }
+
+    #[test]
+    fn the_number_advances_with_each_set_that_is_acknowledged() {
+        let mut set = acknowledged(true, 6, &counts([1, 2]));
+        for (number, value) in [(7, 3), (8, 4), (9, 5)] {
+            assert_eq!(set.next_number(), number);
+            assert!(takes(&mut set, &counts([value, value])));
+        }
+    }
+
+    #[test]
+    fn the_number_stays_after_a_loss_and_its_values_stay_bound_to_it() {
+        let mut set = acknowledged(true, 6, &counts([1, 2]));
+        let sent = counts([3, 4]);
+        set.sends(sent.clone());
+        for _ in 0..5 {
+            set.attempt(Attempt::Unknown);
+            set.doubt();
+            assert_eq!(set.read(Some(7), &sent, LATE, NOW), Some(SetCommit::Open));
+            assert_eq!(set.next_number(), 7);
+        }
+        assert!(takes(&mut set, &sent));
+        assert_eq!(set.next_number(), 8);
+    }
+
+    #[test]
+    fn after_a_run_that_was_killed_the_register_values_are_taken_under_two_numbers() {
+        let held = counts([3, 4]);
+        let mut set = acknowledged(false, 17, &held);
+        assert_eq!(set.next_number(), 17);
+        assert!(!takes(&mut set, &held), "the control may have had number 17 with other values");
+        assert_eq!(set.next_number(), 18);
+        assert!(takes(&mut set, &held));
+    }
+
+    #[test]
+    fn other_values_under_a_number_that_was_tried_are_not_known_to_be_taken() {
+        let mut set = acknowledged(true, 6, &counts([1, 2]));
+        set.sends(counts([3, 4]));
+        set.attempt(Attempt::Unknown);
+        assert!(!takes(&mut set, &counts([5, 6])));
+        assert_eq!(set.next_number(), 8);
+        assert!(takes(&mut set, &counts([5, 6])));
+    }
+
+    #[test]
+    fn a_restarted_control_is_followed_from_the_number_of_its_register() {
+        let mut set = acknowledged(true, 600, &counts([1, 2]));
+        set.forget_number();
+        set.read(Some(0), &counts([0, 0]), LATE, NOW);
+        assert_eq!(set.next_number(), 1);
+    }
+
+    #[test]
+    fn what_was_sent_by_half_is_demanded_again_or_given_up() {
+        let (mut set, _) = Transaction::new(Taking::Number, true, true);
+        set.read(Some(6), &counts([1, 1]), LATE, NOW);
+        set.sends(counts([2, 2]));
+        let members = [Counts(2), Counts(1)].map(|held| Member { held, state: MemberState::Bound });
+        assert!(!set.is_whole(&members, &counts([2, 1])));
+        assert!(set.is_whole(&members, &counts([2, 2])));
+        assert_eq!(set.demanded_again(&members, |_, _| true), Some(counts([2, 2])));
+        assert_eq!(set.demanded_again(&members, |place, _| place == 0), None);
+        assert_eq!(set.demanded_again(&members, |_, _| true), None, "it was given up");
+    }
+}
