@@ -98,7 +98,7 @@ pub use copies::{Copies, LatelySent, MOST_REMEMBERED, MOST_UNDER_WAY, Room, Sent
 pub use demand::{Condition, Demand, Demanded, Input, Mode, NotSent, SetCommit};
 pub use event::{Doubt, Event};
 pub use follow::{Cause, Follow, OutputHealth, Trouble};
-pub use inside::{farthest_behind, next_inside};
+pub use inside::{Inside, farthest_behind};
 pub use kept::{Account, Kept, Promise};
 pub use numbers::{Attempt, Numbers};
 pub use settings::{AppliedSettings, Rules, Settings, Verify};

@@ -1,8 +1,6 @@
 //! Corrected positions: D' = D + Cz, as soon as D has been read.
 //!
-//! The newest position goes out at once in every armed state, also while the axis holds; nobody waits for what may still
-//! arrive, because the next one is under way already. Only the Cz inside moves by one step at each decision; after a write
-//! whose end nobody knows it stays what was sent until one was answered.
+//! The newest position goes out at once in every armed state, also while the axis holds: see [`Inside`].
 
 use std::fmt::Display;
 use std::time::Duration;
@@ -23,7 +21,7 @@ use crate::gateway::units::{cz_factor, registers_in_text};
 use crate::observe::events::Event;
 use isotherm_core::codec::{ControlView, Encoded};
 use isotherm_core::compensation::AxisState;
-use isotherm_core::output::{Condition, Trouble, next_inside};
+use isotherm_core::output::{Condition, Inside, Trouble};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Arm, Output, OutputId, Profile, Shown, Stretch};
@@ -36,10 +34,7 @@ pub(in crate::gateway) struct Position {
     id: OutputId,
     position: SignalId,
     corrected: Moment,
-    /// The share of Cz in what was answered last, and the decision it followed.
-    inside: Option<(Micron, Moment)>,
-    /// A share of Cz that was sent and may or may not have arrived: only the same again is near to both.
-    sent: Option<Micron>,
+    inside: Inside,
     /// When a display was last given dashes; `None` while it shows a value.
     dashes_at: Option<Moment>,
     trouble: Option<Trouble>,
@@ -56,8 +51,7 @@ impl Position {
             position,
             control: profile.control_view(profile.output(id)),
             corrected: Moment::default(),
-            inside: None,
-            sent: None,
+            inside: Inside::Nothing,
             dashes_at: None,
             trouble: None,
             is_saturated: false,
@@ -85,7 +79,7 @@ impl Position {
             return;
         }
         if demand.decision == Decision::Off || shared.dry_run {
-            (self.inside, self.sent) = (None, None);
+            self.inside = Inside::Nothing;
             self.corrected = taken;
             return;
         }
@@ -110,7 +104,8 @@ impl Position {
         demand: &OutputDemand,
     ) {
         let shared = turn.shared;
-        let cz = self.share(shared, output, demand);
+        let step = shared.profile.axis(output.axis).settings.guard.step;
+        let cz = self.inside.next((demand.cz, demand.target, demand.decided), step);
         let factor = cz_factor(&shared.profile, output);
         let target = self.encode(shared, output, position + cz.get() * factor / 1000.0);
         if let Some(control) = &self.control
@@ -122,18 +117,18 @@ impl Position {
         match write(turn, output, &target, demand.not_after).await {
             Ok(found) if found.is_none_or(|found| found.registers() == target.registers()) => {}
             Ok(found) => {
-                self.sent = Some(cz);
+                self.inside = Inside::Sent(cz);
                 return self.is_not_shown(shared, output, &target, found);
             }
             Err((fault, outcome)) => {
                 if outcome != Outcome::NotDone {
-                    self.sent = Some(cz);
+                    self.inside = Inside::Sent(cz);
                 }
                 return self.fail(shared, output, fault);
             }
         }
-        (self.sent, self.dashes_at) = (None, None);
-        self.inside = Some((cz, demand.decided));
+        self.dashes_at = None;
+        self.inside = Inside::Written(cz, demand.decided);
         let mut core = shared.core();
         let state = &mut core.outputs[self.id.0];
         let failures = std::mem::take(&mut state.failures);
@@ -146,17 +141,6 @@ impl Position {
         if self.trouble.take() == Some(Trouble::Untaken) {
             core.events.push(Event::Verified { output: output.name.clone(), failures });
         }
-    }
-
-    /// Cz as it goes into a position: one step nearer to the axis's at each of its decisions. The axis's own may jump,
-    /// where it takes over what a restarted CNC holds.
-    fn share(&self, shared: &LineHandle, output: &Output, demand: &OutputDemand) -> Micron {
-        if let Some(sent) = self.sent {
-            return sent;
-        }
-        let Some((last, decided)) = self.inside else { return demand.cz };
-        let step = shared.profile.axis(output.axis).settings.guard.step;
-        if decided == demand.decided { last } else { next_inside(last, demand.cz, demand.target, step) }
     }
 
     fn encode(&mut self, shared: &LineHandle, output: &Output, value: f64) -> Encoded {
@@ -226,7 +210,7 @@ impl Position {
         if send(turn, output, beside.collect(), Leave::Whenever).await.is_ok()
             && send(turn, output, text.collect(), Leave::Whenever).await.is_ok()
         {
-            (self.dashes_at, self.inside, self.sent) = (Some(now), None, None);
+            (self.dashes_at, self.inside) = (Some(now), Inside::Nothing);
         }
     }
 }

@@ -2,11 +2,36 @@
 
 use std::ops::Sub;
 
-use crate::quantity::Micron;
+use crate::quantity::{Micron, Moment};
+
+/// Cz inside a corrected position. The newest position goes out at once, whatever may still arrive. Only the Cz inside moves by one step at
+/// each decision. After a write whose result nobody knows it stays what was sent: only the same is near to both.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Inside {
+    /// Nothing was written since the axis was armed.
+    #[default]
+    Nothing,
+    /// This Cz was written, after the decision of this moment.
+    Written(Micron, Moment),
+    /// This Cz was sent. Whether it arrived is not known.
+    Sent(Micron),
+}
+
+impl Inside {
+    /// The Cz of the next position. `decision`: Cz, its target and its moment, as the axis decided them.
+    pub fn next(self, (decided, target, at): (Micron, Micron, Moment), step: Micron) -> Micron {
+        match self {
+            Inside::Nothing => decided,
+            Inside::Written(last, before) if before == at => last,
+            Inside::Written(last, _) => next_inside(last, decided, target, step),
+            Inside::Sent(sent) => sent,
+        }
+    }
+}
 
 /// The Cz of the next position, if `last` went into the one before: towards the target by one step at most, and never away from it
 /// or beyond it. `decided` is what the guard of the axis has, which may be ahead of what was sent; µm.
-pub fn next_inside(last: Micron, decided: Micron, target: Micron, step: Micron) -> Micron {
+fn next_inside(last: Micron, decided: Micron, target: Micron, step: Micron) -> Micron {
     let next = last + (decided - last).clamp_to(step);
     let (low, high) = if last < target { (last, target) } else { (target, last) };
     if next < low {
@@ -38,6 +63,17 @@ mod tests {
 
     fn micron(value: f64) -> Micron {
         Micron::new(value).unwrap()
+    }
+
+    #[test]
+    fn it_moves_once_for_each_decision_and_stays_after_a_write_of_unknown_result() {
+        let [one, two] = [1, 2].map(Moment::from_nanos);
+        let step = micron(1.0);
+        let next = |inside: Inside, at| inside.next((micron(5.0), micron(9.0), at), step);
+        assert_eq!(next(Inside::Nothing, one), micron(5.0));
+        assert_eq!(next(Inside::Written(micron(2.0), one), one), micron(2.0));
+        assert_eq!(next(Inside::Written(micron(2.0), one), two), micron(3.0));
+        assert_eq!(next(Inside::Sent(micron(2.0)), two), micron(2.0));
     }
 
     #[test]
