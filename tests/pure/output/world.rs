@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use isotherm_core::output::{
     Account, Action, ArmState, Condition, Controller, Demand, Demanded, Event, Fact, Input, Kept, Mode,
-    OutputHealth, Promise, Settings, Slots, State, Verify, Who,
+    OutputHealth, Promise, Settings, Slots, State, Trouble, Verify, Who,
 };
 use isotherm_core::quantity::{Counts, Moment};
 
@@ -119,6 +119,8 @@ pub(crate) struct World {
     pub(crate) wanted: Counts,
     /// Target of the last decision.
     pub(crate) target: Counts,
+    /// What the axis did when it decided.
+    pub(crate) mode: Mode,
     /// What the control applies, and seconds until it applies the register value.
     pub(crate) applied: (Counts, u64),
     /// What the guard of the axis decided last, if there is one.
@@ -155,6 +157,7 @@ impl World {
             held: [None; 2],
             wanted: settings.limit + Counts(1),
             target: Counts::ZERO,
+            mode: Mode::Follow,
             applied: (settings.bias, 0),
             guard: left.has_guard.then_some(Counts::ZERO),
             order: None,
@@ -289,6 +292,9 @@ impl World {
         }
         if not_after < NOW {
             return Err(format!("{value} is sent after its last moment"));
+        }
+        if !is_repeat && self.mode == Mode::Hold && self.guard.is_some() {
+            return Err(format!("{value} is sent although the axis holds"));
         }
         if !is_repeat {
             self.leads_to_target(settings, value)?;
@@ -562,12 +568,34 @@ impl World {
             return Ok(());
         }
         let mode = self.mode(settings, is_fresh);
+        if mode == Mode::Follow {
+            self.guard_is_near(settings)?;
+        }
         let decision = match mode {
             Mode::Follow => Some((self.decides(settings), self.wanted)),
             // Without a guard nothing is decided while readings are stale.
             Mode::Hold | Mode::Finish => self.guard.map(|guard| (guard, guard)),
         };
         self.decided(settings, decision, (mode, is_fresh))
+    }
+
+    /// An axis that decides has resumed from the register value, if that is the gateway's alone: its Cz is within two steps of it, as a late write can have moved the
+    /// register by one step since.
+    fn guard_is_near(&self, settings: &Settings) -> Broken {
+        let (Some(guard), Some(gateway)) = (self.guard.filter(|_| !settings.is_shared), self.gateway) else {
+            return Ok(());
+        };
+        let shown = gateway.state().shown(settings);
+        let is_verified = gateway.health(settings, self.interlock) == Some(OutputHealth::Verified);
+        let Some(seen) = shown.verified.filter(|_| is_verified && self.armed.is_some()) else {
+            return Ok(());
+        };
+        let centre = shown.account.map_or(settings.bias, |account| account.base);
+        let held = (seen.value - centre).clamp(-settings.limit, settings.limit);
+        if (guard - held).abs() <= settings.step + settings.step || !settings.rules.no_windup {
+            return Ok(());
+        }
+        Err(format!("the axis decides from {guard}, and the register holds {held}"))
     }
 
     /// The axis has decided, or not.
@@ -582,6 +610,10 @@ impl World {
         }
         let until = |left| NOW.after(SECOND * u32::try_from(left).unwrap());
         let not_after = self.order.map_or(NOW.before(SECOND), until);
+        let trouble = self.gateway.and_then(|gateway| gateway.trouble());
+        // What an axis holds while its register does not take it is sent again.
+        let is_untaken = matches!(trouble, Some(Trouble::Untaken | Trouble::StillUntaken));
+        self.mode = if is_untaken { Mode::Finish } else { mode };
         self.target = decision.map_or(self.target, |(_, target)| target);
         let decision = decision.map(|(offset, target)| Demanded {
             offset,

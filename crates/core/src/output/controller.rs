@@ -276,9 +276,9 @@ impl Controller {
         let is_changed = !self.state.is_at(settings, decision.offset);
         let is_untaken = self.policy.trouble.is_some_and(Trouble::is_untaken);
         // What an axis holds while its register does not take it is sent again.
-        if is_changed && decision.mode == Mode::Hold && !is_untaken {
+        if decision.mode == Mode::Hold && !is_untaken {
             let verified = self.state.shown(settings).verified.map(|seen| seen.value);
-            if verified.is_some_and(|value| self.policy.follow != Follow::HoldAt(value)) {
+            if is_changed && verified.is_some_and(|value| self.policy.follow != Follow::HoldAt(value)) {
                 self.policy.follow.take_over();
             }
             return self.give(settings, Fact::Lapsed, now);
