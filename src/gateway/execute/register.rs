@@ -18,6 +18,7 @@ use crate::gateway::units::Units;
 use crate::observe::asker::Way;
 use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
+use isotherm_core::explained::Explained;
 use isotherm_core::output::{
     self, Action, Copies, Fact, Rules, Settings, Standing, State, Verify, Who, step,
 };
@@ -272,7 +273,7 @@ impl Register {
                 output::Event::ForeignValue { expected, found } => {
                     self.goes_on_from_there = false;
                     self.heard.is_armed = false;
-                    shared.core().disarm(output.axis, &report::why_foreign(self, output, expected, found));
+                    shared.core().disarm(output.axis, report::why_foreign(self, output, expected, found));
                 }
                 _ => {}
             }
@@ -489,7 +490,10 @@ impl Register {
         }
         shared.report(&report::question(self, &output.name, verified.value, shown.account));
         self.heard.is_armed = false;
-        shared.core().disarm(output.axis, "what of its register is ours is in question");
+        let hint = "do what the alarm of its output says, then arm it";
+        shared
+            .core()
+            .disarm(output.axis, Explained::new("what of its register is ours is in question", hint));
     }
 
     /// Has what is known put on disk. `None` where the disk has not answered: it is looked at again in the next turn.
@@ -537,7 +541,10 @@ impl Register {
             return Some(Fact::Kept);
         }
         if kept == Kept::NotYet && self.troubles.now != Some(Trouble::Disk) {
-            let why = format!("the disk has not answered for {} s", DISK_PATIENCE.as_secs());
+            let why = Explained::new(
+                format!("the disk has not answered for {} s", DISK_PATIENCE.as_secs()),
+                "is it full, slow or broken?",
+            );
             shared.report(&Event::NotKept { what: "the ledger".to_owned(), why });
         }
         self.troubles.now = self.troubles.now.or(Some(Trouble::Disk));

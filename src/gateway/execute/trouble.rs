@@ -1,11 +1,14 @@
 //! What is wrong with a register, from the first failure until it holds what it should again.
 
 use crate::fieldbus::error::{Fault, Outcome};
+use isotherm_core::explained::Cause;
 use isotherm_core::output::{Fact, Verify};
 use isotherm_profile::counted;
 
 /// So many writes in a row that were not answered by a device whose reads are, are reported.
 const DEAF: u64 = 3;
+/// Requests that fail in a row for another reason before that is reported.
+const CHANGED_AFTER: u32 = 20;
 
 /// Why the register is not what was decided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,6 +36,8 @@ pub(super) struct Troubles {
     pub(super) now: Option<Trouble>,
     /// What failed and was reported, until it does not fail any more.
     reported: Option<Access>,
+    /// Its cause.
+    cause: Option<Cause<Fault>>,
     /// Writes that failed since the last one that was answered.
     failed_writes: u64,
     /// The last read was answered.
@@ -55,7 +60,11 @@ impl Troubles {
         self.failed_writes += u64::from(access == Access::Write);
         // One whose reads are answered is not lost, and nobody else reports that its writes are not.
         let is_deaf = access == Access::Write && self.failed_writes >= DEAF && self.is_read;
-        let is_new = (!fault.spoils_connection() || is_deaf) && self.reported.replace(access).is_none();
+        let is_reported = !fault.spoils_connection() || is_deaf;
+        if is_reported && self.reported.replace(access).is_none() {
+            self.cause = None;
+        }
+        let is_new = is_reported && Cause::is_news(&mut self.cause, fault, CHANGED_AFTER);
         let trouble = match access {
             Access::Read => Trouble::Link,
             Access::Write if fault.spoils_connection() || fault.outcome() == Outcome::Unknown => {
