@@ -157,7 +157,10 @@ fn an_acknowledge_that_does_not_drop_is_reported_and_nothing_is_written_while_it
     let early = texts(&trace, "acknowledge-early");
     assert_eq!(
         early,
-        ["acknowledge of output cnc_z was up before the strobe and did not drop within 500 ms (discrete:20)"],
+        [
+            "acknowledge of output cnc_z was up before the strobe and did not drop within 500 ms (discrete:20): does the control's \
+             program drop the acknowledge when the strobe drops?"
+        ],
         "{}",
         trace.lines()
     );
