@@ -110,7 +110,7 @@ fn each_language_says_it_in_its_own_words_and_marks_them_as_its_own() {
         ("ja", "wheelhead は 10:30 から固着。他の 1 点から推定"),
         ("zh", "wheelhead 自 10:30 起冻结，由其他 1 个传感器推算"),
     ] {
-        let own = format!("eval:document.querySelector('.axis .why span:last-child').lang === '{language}'");
+        let own = format!("eval:document.querySelector('.axis .why > span:last-of-type').lang === '{language}'");
         looked_at_from(10, "", &[&format!("language:{language}"), words, &own]);
     }
 }
@@ -144,9 +144,9 @@ fn a_control_that_does_not_answer_is_unreachable_with_the_verified_value_and_its
 /// Before anything was verified there is no figure, and the bar is empty: the target is no substitute.
 #[test]
 fn a_control_that_never_answered_has_no_figure_and_an_empty_bar() {
-    let silent = "[[fault]]\ndevice = \"cnc\"\nkind = \"silent\"";
+    let refused = "[[fault]]\ndevice = \"cnc\"\nkind = \"refuse\"";
     let empty = "eval:document.querySelector('.bar .fill').hidden";
     let none = "eval:document.querySelector('.figure').innerText === '–'";
-    looked_at_after(silent, 10, "", &["not verified yet", empty, none]);
-    looked_at_after(silent, 10, "/?view=wall", &["not verified yet", none]);
+    looked_at_after(refused, 10, "", &["not verified yet", empty, none]);
+    looked_at_after(refused, 10, "/?view=wall", &["not verified yet", none]);
 }
