@@ -30,7 +30,9 @@ fn a_control_that_is_read_and_whose_writes_are_never_answered_is_reported_with_c
     let text = profile_of(&control, "2s", "");
     let status = beside(&text, move |source| {
         wait_until(source, "that is told", |status| reported(status, "write-failed") == 1);
-        wait_until(source, "the axis says so", |status| status.axes[0].why.cause.contains("is unverified: no answer in time"));
+        wait_until(source, "the axis says so", |status| {
+            status.axes[0].why.cause.contains("is unverified: no answer in time")
+        });
     });
     let texts = events(&status);
     assert!(texts.iter().any(|text| text.contains("no answer in time, 3 times in a row")), "{texts:#?}");

@@ -110,7 +110,8 @@ fn each_language_says_it_in_its_own_words_and_marks_them_as_its_own() {
         ("ja", "wheelhead は 10:30 から固着。他の 1 点から推定"),
         ("zh", "wheelhead 自 10:30 起冻结，由其他 1 个传感器推算"),
     ] {
-        let own = format!("eval:document.querySelector('.axis .why > span:last-of-type').lang === '{language}'");
+        let own =
+            format!("eval:document.querySelector('.axis .why > span:last-of-type').lang === '{language}'");
         looked_at_from(10, "", &[&format!("language:{language}"), words, &own]);
     }
 }
