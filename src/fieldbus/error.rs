@@ -68,10 +68,7 @@ pub enum CallerFault {
     #[error("too late: what it rests on is too old by now")]
     TooLate,
     /// More nodes than the server takes in one call, of which none may be written without the others.
-    #[error(
-        "the server takes {0} in one call (MaxNodesPerWrite), and a set is written in one or not at all: let it take more, or \
-         make the set smaller"
-    )]
+    #[error("the server takes {0} in one call (MaxNodesPerWrite), and a set is written in one or not at all")]
     TooManyNodes(u32),
 }
 
@@ -94,10 +91,10 @@ pub enum LinkFault {
     #[error("connection closed while idle")]
     Closed,
     /// There is no such serial port: not plugged in, or under another name.
-    #[error("no such serial port: is the adapter plugged in? Its lasting name is below /dev/serial/by-id")]
+    #[error("no such serial port")]
     Absent,
     /// The serial port may not be opened by this user.
-    #[error("no permission for the serial port: the user must be in its group, often `dialout`")]
+    #[error("no permission for the serial port")]
     Forbidden,
     /// Another program has the serial port.
     #[error("another program has the serial port")]
@@ -106,13 +103,10 @@ pub enum LinkFault {
     #[error("no serial port, or one that cannot do these settings")]
     Unsuited,
     /// It was closed before it brought a single answer.
-    #[error("closed before the first answer: it accepts one client perhaps, and another master holds it")]
+    #[error("closed before the first answer")]
     TurnedAway,
     /// It is closed again and again, soon after it was made.
-    #[error(
-        "closed again and again: it accepts one client perhaps, and another master takes it; this one waits \
-         longer each time (quirks.close_after_each leaves room for both)"
-    )]
+    #[error("closed again and again")]
     Contested,
     /// TLS did not come about.
     #[error("{0}")]
@@ -135,25 +129,25 @@ pub enum LinkFault {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum CanFault {
     /// There is none of this name, or it has been taken away.
-    #[error("no such interface: is the adapter plugged in? (`ip -details link` lists them)")]
+    #[error("no such interface")]
     NoInterface,
     /// It is another kind of interface.
     #[error("no CAN interface")]
     NotCan,
     /// This computer's kernel has no CAN.
-    #[error("this computer's kernel has no CAN: `modprobe can-raw` as root")]
+    #[error("this computer's kernel has no CAN")]
     NoKernel,
     /// It may not be used by this user.
     #[error("no permission for CAN")]
     Forbidden,
     /// It is down.
-    #[error("the interface is down: `ip link set … up` as root brings it up")]
+    #[error("the interface is down")]
     Down,
     /// Its queue is full: nothing leaves it.
-    #[error("the interface's queue is full: nobody on the bus acknowledges, or its txqueuelen is too small")]
+    #[error("the interface's queue is full")]
     Full,
     /// It does not carry CAN FD, or the frame is none that CAN can carry.
-    #[error("a frame that the interface cannot carry: CAN FD wants its mtu to be 72")]
+    #[error("a frame that the interface cannot carry")]
     TooLong,
 }
 
@@ -183,12 +177,11 @@ pub enum PeerFault {
     Malformed,
     /// A server sends nothing of a subscription, and no sign of life.
     #[error(
-        "its subscription is silent: the server sends neither values nor a sign of life as often as it promised (read = \"poll\" \
-         asks for the nodes instead)"
+        "its subscription is silent: the server sends neither values nor a sign of life as often as it promised"
     )]
     Silent,
     /// Something that nobody had asked for.
-    #[error("it sends what nobody asked for: a late reply, or another master on the same line")]
+    #[error("it sends what nobody asked for")]
     Unasked,
 }
 

@@ -6,11 +6,11 @@
 use std::io::{Error, ErrorKind};
 
 use isotherm_core::explained::Explained;
-use isotherm_core::reading::Status;
+use isotherm_core::reading::{Reason, Status};
 use isotherm_profile::Transport;
 use isotherm_profile::regular::without_numbers;
 
-use super::error::{Fault, LinkFault, PeerFault};
+use super::error::{CallerFault, CanFault, Fault, LinkFault, PeerFault};
 use crate::tls::TlsFault;
 
 /// What to do, where the fault itself does not say it.
@@ -51,15 +51,30 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
             "many devices take one client at a time: is another master connected? Some close it for a unit number that is \
              not theirs"
         }
+        Fault::Link(LinkFault::Absent) => {
+            "is the adapter plugged in? Its lasting name is below /dev/serial/by-id"
+        }
+        Fault::Link(LinkFault::Forbidden) => "the user must be in its group, often `dialout`",
         Fault::Link(LinkFault::Busy) => {
             "end it, a gateway that is running included (`isotherm status` shows it)"
         }
         Fault::Link(LinkFault::Unsuited) => "does the adapter know this speed?",
+        Fault::Link(LinkFault::TurnedAway) => {
+            "it accepts one client perhaps: does another master have its connection?"
+        }
+        Fault::Link(LinkFault::Contested) => {
+            "it accepts one client perhaps: does another master take it? This one waits longer each time \
+             (quirks.close_after_each leaves room for both)"
+        }
+        Fault::Link(LinkFault::Can(fault)) => return remedy_of_an_interface(fault),
         Fault::Link(LinkFault::Tls(fault)) => return remedy_inside_tls(fault),
         Fault::Peer(PeerFault::Malformed) => {
             "on a serial line: baud rate, parity, or two units with one number; over TCP: is it RTU over TCP?"
         }
         Fault::Peer(PeerFault::Foreign) => "is another master on the line?",
+        Fault::Peer(PeerFault::Unasked) => "is it a late reply, or another master on the same line?",
+        Fault::Peer(PeerFault::Silent) => "`read = \"poll\"` asks for the nodes instead",
+        Fault::Caller(CallerFault::TooManyNodes(_)) => "let it take more, or make the set smaller",
         Fault::Peer(PeerFault::Type) => {
             "write the node's own `type`; of a signal it may be left out, and any number is taken"
         }
@@ -87,6 +102,55 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         Fault::Unreadable { reason, .. } => return remedy(Fault::of_a_node(reason)),
         _ => return None,
     })
+}
+
+/// The same of a CAN interface.
+const fn remedy_of_an_interface(fault: CanFault) -> Option<&'static str> {
+    Some(match fault {
+        CanFault::NoInterface => "is the adapter plugged in? (`ip -details link` lists them)",
+        CanFault::NotCan => "`ip -details link show type can` lists those that are",
+        CanFault::NoKernel => "`modprobe can-raw` as root",
+        CanFault::Forbidden => "run the gateway as a user who may open raw sockets of CAN",
+        CanFault::Down => "`ip link set … up` as root brings it up",
+        CanFault::Full => "does anybody on the bus acknowledge? Else its txqueuelen is too small",
+        CanFault::TooLong => "CAN FD wants its mtu to be 72",
+    })
+}
+
+/// What to do about a reading that is not good.
+pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
+    match reason {
+        Reason::OpenCircuit => "look for a broken wire, or a plug that is out",
+        Reason::ShortCircuit => "look for a short at the sensor, its cable and its plug",
+        Reason::Sentinel | Reason::SensorFault | Reason::NotAvailable | Reason::FaultBit => {
+            "the device says so itself: look at the sensor, and at the display or manual of the device"
+        }
+        Reason::SwitchedOff => "switch the channel on in the device, or take the signal out of the profile",
+        Reason::AboveRange | Reason::BelowRange | Reason::OutOfRange => {
+            "is the sensor broken, or are `range`, `scale` or `word_order` wrong?"
+        }
+        Reason::TooFast => "is a contact loose, does a drive disturb it? Else `max_rate` is too small",
+        Reason::ShortFrame => "the node sends less than the profile reads: is it another variant of it?",
+        Reason::NotANumber => "are `type` and `word_order` those of the device?",
+        Reason::WrongType => "write the node's own `type`",
+        Reason::SourceClock => "set the clock of the server right, or that of this computer",
+        Reason::NotFound | Reason::SeveralFound => {
+            "write the name by which `isotherm scan` finds it; is it plugged in?"
+        }
+        Reason::Unreadable => "`dmesg` says more; may the user of the gateway read it?",
+        Reason::Checksum => "look at the cable: its length, its shield, the pull-up",
+        Reason::PowerOnValue | Reason::AllZero => {
+            "is the sensor's supply steady, are all its wires connected?"
+        }
+        Reason::Stale => "is the device slow, is its line full? `isotherm check` shows the load",
+        Reason::Refused | Reason::Status(_) | Reason::Exception(_) => {
+            "its server's or device's own log or display says why"
+        }
+        Reason::NeverRead | Reason::Timeout | Reason::LinkDown | Reason::BadReply | Reason::NotInLog => {
+            "look at its device and its line"
+        }
+        Reason::NotAsExpected => "the alarm of its device says what to set",
+    }
 }
 
 /// The same of Modbus inside TLS.
@@ -141,7 +205,7 @@ const AT_THIS_COMPUTER: &str = "their driver does not come back: is an adapter o
 
 /// Cause of the fault and its remedy, in one sentence.
 pub fn explain(fault: Fault) -> String {
-    Explained { cause: fault.to_string(), hint: remedy(fault) }.to_string()
+    Explained { cause: fault.to_string(), hint: remedy(fault).map(Into::into) }.to_string()
 }
 
 /// The same in the words of the line that it happened on.
@@ -156,25 +220,34 @@ pub fn advised_on(line: Transport, fault: Fault, cause: String) -> Explained {
         Transport::Sysfs => Some(AT_THIS_COMPUTER),
         _ => remedy(fault),
     };
-    Explained { cause, hint }
+    Explained { cause, hint: hint.map(Into::into) }
 }
 
 /// What the system says of a file, a socket or a port, without its numbers, and what to do. What is said in words of ours stays.
 pub fn system(error: &Error) -> String {
+    explain_system(error).to_string()
+}
+
+/// The same as cause and hint.
+pub fn explain_system(error: &Error) -> Explained {
     match error.kind() {
-        _ if error.get_ref().is_some() => without_numbers(&error.to_string()),
-        ErrorKind::PermissionDenied => {
-            "this user may not: take another directory (`--state`), port or user, or let its owner give access".to_owned()
+        _ if error.get_ref().is_some() => without_numbers(&error.to_string()).into(),
+        ErrorKind::PermissionDenied => Explained::new(
+            "this user may not",
+            "take another directory (`--state`), port or user, or let its owner give access",
+        ),
+        ErrorKind::AddrInUse => Explained::new(
+            "another program has this port, perhaps a gateway that is running",
+            "end it, or choose another (`ss -ltnp` shows who has it)",
+        ),
+        ErrorKind::AddrNotAvailable => {
+            Explained::new("this computer has no such address", "`ip address` lists its own")
         }
-        ErrorKind::AddrInUse => {
-            "another program has this port, perhaps a gateway that is running: end it, or choose another \
-             (`ss -ltnp` shows who has it)"
-                .to_owned()
+        ErrorKind::StorageFull => "the disk is full".into(),
+        ErrorKind::ReadOnlyFilesystem => {
+            Explained::new("the disk is read-only", "take another directory (`--state`)")
         }
-        ErrorKind::AddrNotAvailable => "this computer has no such address: `ip address` lists its own".to_owned(),
-        ErrorKind::StorageFull => "the disk is full".to_owned(),
-        ErrorKind::ReadOnlyFilesystem => "the disk is read-only: take another directory (`--state`)".to_owned(),
-        _ => without_numbers(&error.to_string()),
+        _ => without_numbers(&error.to_string()).into(),
     }
 }
 
@@ -205,7 +278,7 @@ mod tests {
         let peer = [PeerFault::Malformed, PeerFault::Foreign, PeerFault::Unasked].map(Fault::Peer);
         for fault in link.map(Fault::Link).into_iter().chain(codes).chain(peer).chain([Fault::Timeout]) {
             let said = explain(fault);
-            assert!(said.contains(": ") || said.contains(", or "), "{fault:?}: {said}");
+            assert!(remedy(fault).is_some() || said.contains(", or "), "{fault:?}: {said}");
             assert!(said.starts_with(&fault.to_string()), "{said}");
             assert!(!said.contains("unknown"), "{said}");
         }
@@ -235,7 +308,7 @@ mod tests {
         let others = [Fault::Timeout, Fault::Peer(PeerFault::Malformed), part];
         for fault in link.into_iter().chain(status).chain(others) {
             let said = explain_on(Transport::OpcUa, fault).to_string();
-            assert!(said.starts_with(&format!("{fault}: ")), "{said}");
+            assert!(said.starts_with(&format!("{fault}")) && said.len() > fault.to_string().len(), "{said}");
             for word in ["Modbus", "unit", "scan", "baud", "serial", "register"] {
                 assert!(!said.contains(word), "{said}");
             }

@@ -3,6 +3,8 @@
 use std::sync::Arc;
 
 use isotherm_core::compensation::Permit;
+use isotherm_core::display::Intent;
+use isotherm_core::explained::Explained;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{Arm, Output, Profile, Share, Writes};
 
@@ -31,7 +33,7 @@ pub(super) struct Arming {
     pub(super) armed: bool,
     /// A person, or a foreign change, switched it off: it stays off until a person arms it.
     pub(super) latched: bool,
-    pub(super) why: String,
+    pub(super) why: Explained,
     /// A person asked for it, and had his way.
     pub(super) by_person: bool,
     /// Its model asked for more than the error level: it is switched off when the fault action has come to its end.
@@ -41,7 +43,7 @@ pub(super) struct Arming {
     /// Its sign is being checked with a dial gauge.
     pub(super) sign: Option<SignCheck>,
     /// Why the last attempt was refused; reported once.
-    pub(super) refusal: Option<String>,
+    pub(super) refusal: Option<Explained>,
     /// To be taken over at the next step.
     pub(super) take_over: Option<Micron>,
     /// The same for a slope that the control applies: its effect at the axis's reach.
@@ -56,7 +58,7 @@ pub(super) enum Attempt {
     NotYet,
     /// It may start from this Cz, and this effect of its slope.
     From(Micron, Option<Micron>),
-    Refused(String),
+    Refused(Explained),
 }
 
 impl Arming {
@@ -71,13 +73,23 @@ impl Arming {
 
     /// It is off because people want it so: one has switched it off, or is to arm it first.
     pub(super) fn is_left_off(&self, profile: &Profile) -> bool {
-        let is_wished = if self.latched { self.why == BY_A_PERSON } else { profile.arm == Arm::Manual };
+        let is_wished = if self.latched { self.why.cause == BY_A_PERSON } else { profile.arm == Arm::Manual };
         !self.armed && self.asked.is_none() && is_wished
     }
 
     /// It would be armed if that could be done.
     pub(super) fn is_waiting(&self, profile: &Profile, axis: usize) -> bool {
         !self.armed && self.is_wanted(profile, axis)
+    }
+
+    /// What people want of the axis.
+    pub(super) fn intent(&self, profile: &Profile, axis: usize) -> Intent {
+        match self.sign {
+            _ if !profile.axes[axis].has_model() => Intent::Unmodelled,
+            _ if self.is_waiting(profile, axis) => Intent::Arm,
+            Some(_) => Intent::CheckSign,
+            None => Intent::Follow,
+        }
     }
 
     pub(super) fn attempt(
@@ -93,8 +105,9 @@ impl Arming {
         }
         if let Some(wanted) = beyond_error {
             let name = &profile.axes[axis].settings.name;
-            return Attempt::Refused(format!(
-                "its model asks for {wanted}, more than axis.{name}.error; look for the sensor or the cause first"
+            return Attempt::Refused(Explained::new(
+                format!("its model asks for {wanted}, more than axis.{name}.error"),
+                "look for the sensor or the cause first",
             ));
         }
         let (mut from, mut from_slope) = (None, None);
@@ -109,10 +122,12 @@ impl Arming {
                     let is_beyond = is_beyond_limit(profile, output, cz);
                     let axis = &profile.axes[axis].settings.name;
                     if is_beyond && output.share == Share::Ledger {
-                        return Attempt::Refused(format!(
-                            "our share in the register of output {} is {cz}, beyond the limit of ±{limit}; raise \
-                             axis.{axis}.limit until it has gone back to zero",
-                            output.name
+                        return Attempt::Refused(Explained::new(
+                            format!(
+                                "our share in the register of output {} is {cz}, beyond the limit of ±{limit}",
+                                output.name
+                            ),
+                            format!("raise axis.{axis}.limit until it has gone back to zero"),
                         ));
                     }
                     if is_beyond {
@@ -121,10 +136,12 @@ impl Arming {
                             0 => "zero".to_owned(),
                             bias => format!("zero, which is {bias} there,"),
                         };
-                        return Attempt::Refused(format!(
-                            "the register of output {} holds {cz}, beyond the limit of ±{limit}; set it to {zero} at \
-                             the CNC, or raise axis.{axis}.limit",
-                            output.name
+                        return Attempt::Refused(Explained::new(
+                            format!(
+                                "the register of output {} holds {cz}, beyond the limit of ±{limit}",
+                                output.name
+                            ),
+                            format!("set it to {zero} at the CNC, or raise axis.{axis}.limit"),
                         ));
                     }
                     if output.writes == Writes::Slope {
@@ -140,10 +157,12 @@ impl Arming {
             let displaced =
                 |(output, state): &(&Output, &OutputState)| !has_its_reference(profile, output, state);
             if let Some((output, _)) = outputs.of_axis(axis).find(displaced) {
-                return Attempt::Refused(format!(
-                    "a slope is in effect about another reference position than output {} writes; set the slope to \
-                     zero at the CNC",
-                    output.name
+                return Attempt::Refused(Explained::new(
+                    format!(
+                        "a slope is in effect about another reference position than output {} writes",
+                        output.name
+                    ),
+                    "set the slope to zero at the CNC",
                 ));
             }
         }

@@ -3,9 +3,13 @@
 use std::sync::Arc;
 
 use isotherm_core::codec::{Motion, Tracked};
+use isotherm_core::explained::Cause;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
 use isotherm_profile::Profile;
+
+/// Steps in a row at which a signal is bad for another reason before that is reported.
+const CHANGED_AFTER_STEPS: u32 = 2;
 
 #[derive(Debug)]
 pub(super) struct Board {
@@ -18,8 +22,17 @@ pub(super) struct Board {
     rereferenced: Vec<Option<(f64, f64)>>,
     /// Aged and condemned: what a step sees. Filled anew for each step, never reallocated.
     seen: Vec<Reading>,
-    /// The quality last reported, and since when it has been bad.
-    reported: Vec<Option<(Reason, Moment)>>,
+    /// By signal: since when and why it is bad.
+    bad: Vec<Option<Bad>>,
+}
+
+/// Beginning and cause of a signal that is bad.
+#[derive(Debug)]
+struct Bad {
+    cause: Cause<Reason>,
+    since: Moment,
+    /// It was reported. A device or line that does not answer is reported itself.
+    is_reported: bool,
 }
 
 /// What was read last, and what can be said of it at any moment.
@@ -35,10 +48,10 @@ pub(super) struct Latest {
 /// A signal whose quality changed in a way that people should hear of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Change {
-    /// It cannot be used any more.
+    /// It cannot be used any more, or still not, for this reason.
     Lost(SignalId, Reason),
-    /// It can be used again; for this reason it could not, since this moment.
-    Back(SignalId, Reason, Moment),
+    /// It can be used again, and could not since this moment.
+    Back(SignalId, Moment),
     /// Its counter was set anew: what was the first position is the second one now, and nothing moved.
     Rereferenced(SignalId, f64, f64),
 }
@@ -56,7 +69,7 @@ impl Board {
             tracked: vec![Tracked::default(); signals],
             rereferenced: vec![None; signals],
             seen: vec![Reading::NEVER; signals],
-            reported: vec![None; signals],
+            bad: (0..signals).map(|_| None).collect(),
         }
     }
 
@@ -160,16 +173,27 @@ impl Board {
             if let Some((from, to)) = self.rereferenced[place].take() {
                 changes.push(Change::Rereferenced(SignalId(place), from, to));
             }
-            match (reading.quality, self.reported[place]) {
-                (Quality::Good, Some((reason, since))) => {
-                    self.reported[place] = None;
-                    changes.push(Change::Back(SignalId(place), reason, since));
+            let is_of_the_device =
+                |reason| matches!(reason, Reason::LinkDown | Reason::Timeout | Reason::BadReply);
+            match (reading.quality, &mut self.bad[place]) {
+                (Quality::Good, bad) => {
+                    let ended = bad.take().filter(|bad| bad.is_reported);
+                    changes.extend(ended.map(|bad| Change::Back(SignalId(place), bad.since)));
                 }
-                (Quality::Bad(reason), None) if reason != Reason::NeverRead => {
-                    self.reported[place] = Some((reason, now));
-                    changes.push(Change::Lost(SignalId(place), reason));
+                (Quality::Bad(Reason::NeverRead), _) => {}
+                (Quality::Bad(reason), Some(bad)) => {
+                    if bad.cause.is_now(reason, CHANGED_AFTER_STEPS)
+                        && (bad.is_reported || !is_of_the_device(reason))
+                    {
+                        bad.is_reported = true;
+                        changes.push(Change::Lost(SignalId(place), reason));
+                    }
                 }
-                _ => {}
+                (Quality::Bad(reason), bad) => {
+                    let is_reported = !is_of_the_device(reason);
+                    *bad = Some(Bad { cause: Cause::new(reason), since: now, is_reported });
+                    changes.extend(is_reported.then_some(Change::Lost(SignalId(place), reason)));
+                }
             }
         }
         changes

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::explain::{advised_on, explain_on};
+use crate::fieldbus::explain::{advised_on, explain_on, remedy_of_a_reading};
 use crate::observe::events::Event;
-use isotherm_core::explained::Explained;
+use isotherm_core::explained::{Cause, Explained};
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::{Reason, SignalId};
 use isotherm_profile::{BusId, Device, DeviceId, OutputId, Profile, Transport};
@@ -57,7 +57,7 @@ pub(super) struct Lost {
     /// Those in a row.
     in_a_row: u64,
     /// Reported cause; `None` until the loss is reported.
-    reported: Option<Cause>,
+    reported: Option<Cause<String>>,
     /// It answers again, since then.
     pub(super) answers_since: Option<Moment>,
 }
@@ -67,37 +67,7 @@ pub(super) struct Lost {
 pub(super) struct Down {
     /// Attempts to connect since.
     pub(super) attempts: u64,
-    cause: Cause,
-}
-
-/// Reported cause of a fault.
-#[derive(Clone, Debug)]
-struct Cause {
-    reported: String,
-    /// Another cause that was found since, and how often in a row.
-    other: Option<(String, u32)>,
-}
-
-impl Cause {
-    fn new(reported: String) -> Cause {
-        Cause { reported, other: None }
-    }
-
-    /// Notes the present cause. Returns whether to report it: a cause other than the reported one, found `often` in a row. Causes
-    /// that alternate are no news.
-    fn is_now(&mut self, cause: &str, often: u32) -> bool {
-        if self.reported == cause {
-            self.other = None;
-            return false;
-        }
-        let found = self.other.take().filter(|(other, _)| other == cause).map_or(1, |(_, found)| found + 1);
-        if found < often {
-            self.other = Some((cause.to_owned(), found));
-            return false;
-        }
-        *self = Cause::new(cause.to_owned());
-        true
-    }
+    cause: Cause<String>,
 }
 
 /// Cycles of one line.
@@ -142,44 +112,47 @@ impl Contact {
 
     /// Why a signal may not be used: by the raw value with which the device says so, by its server's stamp, or by what is wrong
     /// with the device or its line.
-    pub(super) fn why(&self, id: SignalId, reason: Reason) -> String {
+    pub(super) fn why(&self, id: SignalId, reason: Reason) -> Explained {
+        self.cause_of(id, reason).or_hint(remedy_of_a_reading(reason))
+    }
+
+    fn cause_of(&self, id: SignalId, reason: Reason) -> Explained {
         let signal = self.profile.signal(id);
         let said = signal.encoding.bad.iter().filter(|sentinel| sentinel.means == reason);
         let raw: Vec<String> = said.map(|sentinel| sentinel.raw.to_string()).collect();
         if !raw.is_empty() {
-            return format!("{reason} (raw {})", raw.join(" or "));
+            return format!("{reason} (raw {})", raw.join(" or ")).into();
         }
         let lost = self.devices[signal.device.0].lost.as_ref().filter(|lost| !lost.fault.cause.is_empty());
         match (reason, lost) {
             (Reason::LinkDown | Reason::Timeout | Reason::BadReply | Reason::NeverRead, Some(lost)) => {
-                lost.fault.to_string()
+                lost.fault.clone()
             }
-            (Reason::Stale, _) => self.why_stale(id).unwrap_or(reason.to_string()),
-            (Reason::Exception(code), _) => self.explained(signal.device, Fault::Exception(code)).to_string(),
-            _ => reason.to_string(),
+            (Reason::Stale, _) => self.why_stale(id).unwrap_or_else(|| reason.to_string().into()),
+            (Reason::Exception(code), _) => self.explained(signal.device, Fault::Exception(code)),
+            _ => reason.to_string().into(),
         }
     }
 
     /// Of a signal that is read, and stale by its stamp.
-    fn why_stale(&self, id: SignalId) -> Option<String> {
+    fn why_stale(&self, id: SignalId) -> Option<Explained> {
         let signal = self.profile.signal(id);
         let age = self.stamped[id.0].filter(|age| *age >= signal.max_age / 2)?.as_secs_f64();
         let (digits, device) = (usize::from(age < 10.0), &self.profile.device(signal.device).name);
-        Some(format!(
-            "{}: stamped {age:.digits$} s ago by the server: write source_time = \"changed\" at device {device} if it stamps \
-             only changes",
-            Reason::Stale
+        Some(Explained::new(
+            format!("{}: stamped {age:.digits$} s ago by the server", Reason::Stale),
+            format!("write source_time = \"changed\" at device {device} if it stamps only changes"),
         ))
     }
 
     /// Why a device did not do what it was asked for an output, with what to do.
-    pub(super) fn why_of_output(&self, output: OutputId, fault: Fault) -> String {
+    pub(super) fn why_of_output(&self, output: OutputId, fault: Fault) -> Explained {
         let id = self.profile.output(output).device;
         match &self.devices[id.0].lost {
-            Some(lost) if fault.is_of_the_line() && !lost.fault.cause.is_empty() => lost.fault.to_string(),
+            Some(lost) if fault.is_of_the_line() && !lost.fault.cause.is_empty() => lost.fault.clone(),
             _ => {
                 let words = blamed::of_an_output(&self.profile, output, fault);
-                advised_on(self.profile.bus(self.profile.device(id).bus).transport, fault, words).to_string()
+                advised_on(self.profile.bus(self.profile.device(id).bus).transport, fault, words)
             }
         }
     }
@@ -246,9 +219,9 @@ impl Contact {
     }
 
     /// Nothing comes of a device any more; reported once, but for a bus that is down, which has been.
-    pub(super) fn is_silent(&mut self, id: DeviceId, fault: String, events: &mut Vec<Event>) {
+    pub(super) fn is_silent(&mut self, id: DeviceId, fault: Explained, events: &mut Vec<Event>) {
         let is_down = self.buses[self.profile.device(id).bus.0].down.is_some();
-        let lost = self.devices[id.0].misses(fault.into());
+        let lost = self.devices[id.0].misses(fault);
         if !is_down && lost.has_news() {
             events.push(lost.report(self.profile.device(id)));
         }
@@ -271,7 +244,7 @@ impl Contact {
         let is_news = match &mut self.buses[id.0].down {
             Some(down) => {
                 down.attempts = attempts;
-                down.cause.is_now(&cause.cause, CHANGED_AFTER_ATTEMPTS)
+                down.cause.is_now(cause.cause.clone(), CHANGED_AFTER_ATTEMPTS)
             }
             down => {
                 *down = Some(Down { attempts, cause: Cause::new(cause.cause.clone()) });
@@ -309,7 +282,7 @@ impl Lost {
     /// Returns whether the loss, or a changed cause, must be reported.
     fn has_news(&mut self) -> bool {
         let fault = &self.fault;
-        self.reported.as_mut().is_none_or(|cause| cause.is_now(&fault.cause, CHANGED_AFTER_REQUESTS))
+        self.reported.as_mut().is_none_or(|cause| cause.is_now(fault.cause.clone(), CHANGED_AFTER_REQUESTS))
     }
 
     fn report(&mut self, device: &Device) -> Event {
@@ -354,12 +327,6 @@ mod tests {
 
     #[test]
     fn another_cause_is_reported_once_it_was_found_twice() {
-        let mut cause = Cause::new("refused".to_owned());
-        let found = ["refused", "timeout", "refused", "timeout", "certificate", "certificate", "certificate"];
-        assert_eq!(
-            found.map(|found| cause.is_now(found, 2)),
-            [false, false, false, false, false, true, false]
-        );
         let profile = include_str!("../../profiles/surface-grinder.toml");
         let profile = isotherm_profile::parse(Path::new("grinder.toml"), profile, &[], &[]).unwrap().profile;
         let (mut contact, mut events) = (Contact::new(&Arc::new(profile)), Vec::new());

@@ -17,14 +17,14 @@ use super::reported::Reported;
 use super::restart::Restarts;
 use super::storage::Storage;
 use super::units::part;
-use super::why::Reasons;
+use super::why::{BEYOND_ERROR, Reasons, WHEN_FOUND};
 use crate::observe::asker::Way;
 use crate::observe::events::Event;
 use isotherm_core::compensation::settings::OnFault;
 use isotherm_core::compensation::{AxisState, Compensation, Control, Decision, Remembered, Snapshot};
+use isotherm_core::explained::Explained;
 use isotherm_core::output::farthest_behind;
 use isotherm_core::quantity::{Micron, Moment};
-use isotherm_core::reading::Reason;
 use isotherm_profile::duration_text;
 use isotherm_profile::{Arm, AxisId, OnStop, Output, OutputId, Profile, Writes};
 
@@ -252,7 +252,7 @@ impl Core {
             let name = &profile.axes[axis].settings.name;
             let attempt = match found {
                 Finding::Wrong(why) if self.arming[axis].is_wanted(profile, axis) => {
-                    Attempt::Refused(why.clone())
+                    Attempt::Refused(why.as_str().into())
                 }
                 _ => self.arming[axis].attempt(profile, axis, &self.outputs, ready, beyond),
             };
@@ -308,10 +308,11 @@ impl Core {
         for axis in 0..self.arming.len() {
             let Some(asked) = &self.arming[axis].asked else { continue };
             let why = if asked.by.has_left() {
-                format!("cancelled: whoever asked has gone ({:?})", asked.by)
+                format!("cancelled: whoever asked has gone ({:?})", asked.by).into()
             } else if now >= asked.until {
                 let timeout = duration_text(self.given.profile.arm_timeout);
-                format!("the request to arm has expired after {timeout}: {}", self.why(axis, now))
+                let expired = |why: &str| format!("the request to arm has expired after {timeout}: {why}");
+                self.why(axis, now).within(expired)
             } else {
                 continue;
             };
@@ -320,14 +321,14 @@ impl Core {
     }
 
     /// Ends a request to arm, and reports it.
-    pub(super) fn cancel(&mut self, axis: usize, why: String) {
+    pub(super) fn cancel(&mut self, axis: usize, why: Explained) {
         let name = self.given.profile.axes[axis].settings.name.clone();
         self.events.push(Event::ArmEnded { axis: name, why: why.clone() });
         self.end_request(axis, why);
     }
 
     /// Only where the profile says so it is still armed by itself.
-    fn end_request(&mut self, axis: usize, why: String) {
+    fn end_request(&mut self, axis: usize, why: Explained) {
         let arms_itself = self.given.profile.arm == Arm::Auto && !self.arming[axis].latched;
         let arming = &mut self.arming[axis];
         arming.asked = None;
@@ -342,19 +343,19 @@ impl Core {
             return;
         }
         let why = self.why(axis, now);
-        if why == asked.reported.0 {
+        if why.cause == asked.reported.0 {
             return;
         }
         let name = self.given.profile.axes[axis].settings.name.clone();
         self.events.push(Event::WaitsToArm { axis: name, why: why.clone() });
         if let Some(asked) = &mut self.arming[axis].asked {
-            asked.reported = (why, now);
+            asked.reported = (why.cause, now);
         }
     }
 
     /// Why an axis does what it does.
-    pub(super) fn why(&self, axis: usize, now: Moment) -> String {
-        self.reasons(axis, now).map_or(String::new(), |reasons| reasons.message())
+    pub(super) fn why(&self, axis: usize, now: Moment) -> Explained {
+        self.reasons(axis, now).map_or_else(Explained::default, |reasons| reasons.explained())
     }
 
     /// What an axis decided last stands in its registers, or never will.
@@ -401,12 +402,12 @@ impl Core {
     }
 
     /// Switches an axis off until a person arms it again.
-    pub(super) fn disarm(&mut self, axis: AxisId, why: &str) {
-        let trust = self.arming[axis.0].trust;
-        let latched = Arming { latched: true, why: why.to_owned(), trust, ..Arming::default() };
+    pub(super) fn disarm(&mut self, axis: AxisId, why: impl Into<Explained>) {
+        let (why, trust) = (why.into(), self.arming[axis.0].trust);
+        let latched = Arming { latched: true, why: why.clone(), trust, ..Arming::default() };
         if std::mem::replace(&mut self.arming[axis.0], latched).armed {
             let axis = self.given.profile.axis(axis).settings.name.clone();
-            self.events.push(Event::Disarmed { axis, why: why.to_owned() });
+            self.events.push(Event::Disarmed { axis, why });
         }
     }
 
@@ -441,7 +442,7 @@ impl Core {
             Err(missed) => self.events.push(Event::ProbeRefused {
                 axis: axis.settings.name.clone(),
                 error: None,
-                why: missed.message().to_owned(),
+                why: missed.message().into(),
             }),
         }
         true
@@ -494,9 +495,7 @@ impl Core {
             }
             let over = is_tripped && ended && self.stop.is_none();
             if over && self.has_arrived(place) {
-                let why =
-                    "its model asked for more than the error level; arm it again when the cause is found";
-                self.disarm(AxisId(place), why);
+                self.disarm(AxisId(place), Explained::new(BEYOND_ERROR, WHEN_FOUND));
                 let trust = self.arming[place].trust;
                 self.arming[place] = Arming { latched: true, asked, trust, ..Arming::default() };
             }
@@ -506,9 +505,6 @@ impl Core {
     fn report_signals(&mut self, profile: &Profile, now: Moment) {
         for change in self.board.changes(now) {
             match change {
-                // The device or the bus has been reported already.
-                Change::Lost(_, reason) | Change::Back(_, reason, _)
-                    if matches!(reason, Reason::LinkDown | Reason::Timeout | Reason::BadReply) => {}
                 Change::Lost(id, reason) => {
                     let reason = self.contact.why(id, reason);
                     let signal = profile.signal(id).name.clone();
@@ -519,7 +515,7 @@ impl Core {
                     let (signal, unit) = (signal.name.clone(), signal.unit.to_string());
                     self.events.push(Event::Rereferenced { signal, unit, from, to });
                 }
-                Change::Back(id, _, since) => {
+                Change::Back(id, since) => {
                     let signal = profile.signal(id).name.clone();
                     self.events.push(Event::SignalGood { signal, bad_for: now.since(since) });
                 }

@@ -4,21 +4,16 @@ use crate::observe::events::Event;
 use crate::observe::status::ExtrapolationStatus;
 use isotherm_core::compensation::model::Outside;
 use isotherm_core::compensation::{CLEARLY_INSIDE, Decision, Extrapolation};
+use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Micron;
-use isotherm_profile::Profile;
+use isotherm_profile::{Profile, Unit};
+
+/// What to do outside the region of a model.
+const MEASURE: &str = "measure a part; if such days are usual, identify the model with them";
 
 /// By how much, in which input, and what the axis does.
 pub(super) fn message(profile: &Profile, found: &Extrapolation) -> String {
-    let farthest = found.farthest.map(|beyond| {
-        let signal = profile.signal(beyond.signal);
-        let (side, by) = if beyond.by < 0.0 {
-            ("below its smallest", -beyond.by)
-        } else {
-            ("above its largest", beyond.by)
-        };
-        format!("{} is {by:.2} {} {side} value", signal.name, signal.unit)
-    });
-    let farthest = farthest.unwrap_or_else(|| "the inputs never stood like this to each other".to_owned());
+    let farthest = farthest(profile, found, |by, unit| format!("{by:.2} {unit} "));
     let Some((distance, reach)) = found.distance else {
         return format!("extrapolating: {farthest} of the guideway; Cz is that of its end");
     };
@@ -34,6 +29,22 @@ pub(super) fn message(profile: &Profile, found: &Extrapolation) -> String {
     format!("extrapolating: {farthest}; distance {distance:.1}, {reach:.1} is the edge; {does}")
 }
 
+/// The same without its figures, which change all the time.
+pub(super) fn cause(profile: &Profile, found: &Extrapolation) -> Explained {
+    let farthest = farthest(profile, found, |_, _| String::new());
+    Explained::new(format!("extrapolating: {farthest}"), MEASURE)
+}
+
+/// The input that is farthest outside, with what `by` makes of the distance and its unit.
+fn farthest(profile: &Profile, found: &Extrapolation, by: impl Fn(f64, Unit) -> String) -> String {
+    let Some(beyond) = found.farthest else {
+        return "the inputs never stood like this to each other".to_owned();
+    };
+    let signal = profile.signal(beyond.signal);
+    let side = if beyond.by < 0.0 { "below its smallest" } else { "above its largest" };
+    format!("{} is {}{side} value", signal.name, by(beyond.by.abs(), signal.unit))
+}
+
 /// What is to be reported: once when it begins, and once when the inputs are clearly inside again, or the model in use has no
 /// region. While no model can be used, nothing is known of either.
 pub(super) fn event(
@@ -46,7 +57,8 @@ pub(super) fn event(
     match &decision.extrapolating {
         Some(found) if !*reported => {
             *reported = true;
-            Some(Event::Extrapolating { axis: axis(), how: message(profile, found) })
+            let how = Explained::new(message(profile, found), MEASURE);
+            Some(Event::Extrapolating { axis: axis(), how })
         }
         None if *reported
             && decision.model.is_some()

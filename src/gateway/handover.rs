@@ -41,7 +41,7 @@ impl Handover {
                 let decided = core.compensation.decision(place).map(|decision| decision.cz);
                 handover.armed.insert(name, stands.or(decided).unwrap_or_default());
             } else if arming.latched || arming.tripped {
-                handover.off.insert(name, arming.why.clone());
+                handover.off.insert(name, arming.why.cause.clone());
             }
         }
         handover
@@ -53,7 +53,7 @@ impl Handover {
         for (place, axis) in profile.axes.iter().enumerate() {
             let name = &axis.settings.name;
             if let Some(why) = self.off.get(name) {
-                core.disarm(AxisId(place), why);
+                core.disarm(AxisId(place), why.as_str());
             } else if let Some(from) = self.armed.get(name).filter(|_| axis.has_model()) {
                 let by = Arc::new(Asker::new(Way::Restart, format!("armed before; restarted {}", self.by)));
                 let until = now.after(profile.arm_timeout);

@@ -11,6 +11,7 @@ use crate::gateway::can::Can;
 use crate::gateway::line_handle::LineHandle;
 use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
+use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, DeviceId, Profile, Setup};
 
@@ -222,12 +223,13 @@ fn commissioned(shared: &LineHandle, id: DeviceId, found: Finding) {
     match found {
         _ if before == found => {}
         Finding::Wrong(found) => {
-            let why = format!("device {name}: {found}");
-            core.events.push(Event::NotAsExpected { device: name.clone(), found });
+            let why =
+                Explained::new(format!("device {name}: {found}"), "arm it when the device is set right");
+            core.events.push(Event::NotAsExpected { device: name.clone(), found: found.into() });
             for output in shared.profile.outputs.iter().filter(|output| output.device == id) {
                 // One that is off keeps waiting to be armed.
                 if core.arming[output.axis.0].armed {
-                    core.disarm(output.axis, &why);
+                    core.disarm(output.axis, why.clone());
                 }
             }
         }

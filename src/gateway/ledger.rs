@@ -12,6 +12,7 @@ use super::Options;
 use super::sealed::pair::Opened;
 use crate::clock::Clock;
 use crate::observe::events::{Event, Journal};
+use isotherm_core::explained::Explained;
 use isotherm_core::output::{self, Doubt};
 use isotherm_profile::{Output, Profile, Share};
 
@@ -63,7 +64,7 @@ impl Ledger {
         let not_kept = |why| journal.report(clock.now(), &Event::NotKept { what: WHAT.to_owned(), why });
         let Some(opened) = opened else {
             if profile.outputs.iter().any(is_shared) {
-                not_kept("there is no state directory; name one with --state".to_owned());
+                not_kept(Explained::new("there is no state directory", "name one with --state"));
             }
             return Ledger {
                 profile,

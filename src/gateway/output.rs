@@ -9,7 +9,8 @@ use super::noted::Noted;
 use super::units::{cz_factor, is_near};
 use crate::fieldbus::error::Fault;
 use crate::observe::events::HandshakeFault;
-use isotherm_core::display::Held;
+use isotherm_core::compensation::AxisState;
+use isotherm_core::display::{Display, Held, Intent};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{Handshake, Output, OutputId, Profile, Writes};
 
@@ -106,8 +107,18 @@ impl Outputs {
         self.of_axis[axis].iter().map(|id| (self.profile.output(*id), &self.states[id.0]))
     }
 
+    /// State of an axis as people see it.
+    pub(super) fn display(
+        &self,
+        axis: usize,
+        (state, intent): (AxisState, Intent),
+        (contact, dry_run): (&Contact, bool),
+    ) -> Display {
+        Display::of(state, intent, self.held(axis, contact, dry_run))
+    }
+
     /// Cz of an axis in the control, as far as the gateway knows it.
-    pub(super) fn held(&self, axis: usize, contact: &Contact, dry_run: bool) -> Held {
+    fn held(&self, axis: usize, contact: &Contact, dry_run: bool) -> Held {
         if dry_run {
             return Held::Unknown;
         }

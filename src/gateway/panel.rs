@@ -19,6 +19,7 @@ use crate::observe::events::file::{self, Found};
 use crate::observe::events::{Entry, Event};
 use crate::observe::status::{Answer, Command, Source, Status};
 use isotherm_core::compensation::{Measured, MeasuredReport, Refused, Snapshot};
+use isotherm_core::explained::Explained;
 use isotherm_core::quantity::{Micron, Moment, time};
 use isotherm_profile::AxisId;
 use isotherm_profile::regular::quoted;
@@ -61,14 +62,15 @@ impl Source for Panel {
     }
 
     fn arming(&self, axis: Option<&str>) -> Result<Answer, String> {
-        Ok(self.commands.reminding(self.commands.arming(axis)?, axis))
+        let answer = self.commands.arming(axis).map_err(|why| why.to_string())?;
+        Ok(self.commands.reminding(answer, axis))
     }
 
     fn signing(&self, axis: Option<&str>) -> Result<Answer, String> {
         let axis = one(&self.commands.chosen(axis)?)?;
         let mut core = self.commands.0.core();
         signing::follow(&mut core, self.commands.0.clock.now());
-        signing::progress(&core, axis)
+        signing::progress(&core, axis).map_err(|why| why.to_string())
     }
 
     fn measured(&self, axis: &str, report: Option<MeasuredReport>, asker: &Asker) -> Result<Answer, String> {
@@ -85,7 +87,7 @@ impl Source for Panel {
     }
 
     fn turned_away(&self, command: &str, asker: &Asker, why: &str) {
-        self.commands.0.report(&reported(command.to_owned(), Vec::new(), asker, Err(why)));
+        self.commands.0.report(&reported(command.to_owned(), Vec::new(), asker, Err(why.into())));
     }
 
     fn report(&self, event: &Event) {
@@ -138,11 +140,11 @@ fn one(chosen: &[usize]) -> Result<usize, String> {
 }
 
 /// The event of a command that was carried out, or refused.
-fn reported(command: String, axes: Vec<String>, asker: &Asker, answer: Result<&str, &str>) -> Event {
+fn reported(command: String, axes: Vec<String>, asker: &Asker, answer: Result<&str, Explained>) -> Event {
     let (way, who) = (asker.way, asker.who.clone());
     match answer.map(str::to_owned) {
         Ok(answer) => Event::Command { command, axes, way, who, answer },
-        Err(why) => Event::CommandRefused { command, axes, way, who, why: why.to_owned() },
+        Err(why) => Event::CommandRefused { command, axes, way, who, why },
     }
 }
 
@@ -153,7 +155,7 @@ impl CommandHandle {
         (command, axes): (String, Vec<String>),
         asker: &Asker,
         text: impl FnOnce(&T) -> &str,
-        act: impl FnOnce(&mut Core) -> Result<T, String>,
+        act: impl FnOnce(&mut Core) -> Result<T, Explained>,
     ) -> Result<T, String> {
         let mut core = self.0.core();
         if let Some(why) = asker.has_lapsed() {
@@ -163,11 +165,11 @@ impl CommandHandle {
         }
         let before = core.events.len();
         let answer = act(&mut core);
-        let event = reported(command, axes, asker, answer.as_ref().map(text).map_err(String::as_str));
+        let event = reported(command, axes, asker, answer.as_ref().map(text).map_err(Explained::clone));
         core.events.insert(before, event);
         drop(core);
         self.0.wake();
-        answer
+        answer.map_err(|why| why.to_string())
     }
 
     fn command(&self, command: Command, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String> {
@@ -186,7 +188,7 @@ impl CommandHandle {
         self.carry_out((command.name().to_owned(), names), asker, Answer::text, |core| {
             let chosen = chosen?;
             match command {
-                Command::Arm if core.stop.is_some() => Err("the gateway is stopping".to_owned()),
+                Command::Arm if core.stop.is_some() => Err("the gateway is stopping".into()),
                 Command::Arm => self.arm(core, axis, asker),
                 Command::Disarm => {
                     for axis in &chosen {
@@ -205,8 +207,9 @@ impl CommandHandle {
                         None => core.compensation.zero(now),
                         Some(place) if core.compensation.zero_axis(place, now) => {}
                         Some(_) => {
-                            return Err(format!(
-                                "another axis counts from the zero of a signal of axis {said} too: zero all of them"
+                            return Err(Explained::new(
+                                format!("another axis counts from the zero of a signal of axis {said} too"),
+                                "zero all of them",
                             ));
                         }
                     }
@@ -222,13 +225,13 @@ impl CommandHandle {
                 Command::Cancel => {
                     let by = asker.way.by(&asker.who);
                     let mut signs = chosen.clone();
-                    signs.retain(|axis| signing::end(core, *axis, format!("cancelled {by}")));
+                    signs.retain(|axis| signing::end(core, *axis, format!("cancelled {by}").into()));
                     let waiting = chosen.into_iter().filter(|axis| core.arming[*axis].asked.is_some());
                     let waiting: Vec<usize> = waiting.collect();
-                    waiting.iter().for_each(|axis| core.cancel(*axis, format!("cancelled {by}")));
+                    waiting.iter().for_each(|axis| core.cancel(*axis, format!("cancelled {by}").into()));
                     match waiting.iter().map(name).collect::<Vec<_>>() {
                         names if names.is_empty() && signs.is_empty() => {
-                            Err("no request to arm waits".to_owned())
+                            Err("no request to arm waits".into())
                         }
                         names if names.is_empty() => Ok(Answer::Done(format!(
                             "{}: Cz goes back to what the model asks for",
@@ -290,7 +293,7 @@ impl CommandHandle {
     }
 
     /// At once where that can be: whoever asks hears whether he is refused.
-    fn arm(&self, core: &mut Core, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String> {
+    fn arm(&self, core: &mut Core, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, Explained> {
         let (now, chosen) = (self.0.clock.now(), self.armable(axis)?.0);
         for axis in &chosen {
             let until = now.after(self.0.profile.arm_timeout);
@@ -304,33 +307,34 @@ impl CommandHandle {
         for axis in &chosen {
             let why = core.why(*axis, now);
             if let Some(asked) = &mut core.arming[*axis].asked {
-                asked.reported = (why, now);
+                asked.reported = (why.cause, now);
             }
         }
         self.progress(core, axis)
     }
 
-    fn arming(&self, axis: Option<&str>) -> Result<Answer, String> {
+    fn arming(&self, axis: Option<&str>) -> Result<Answer, Explained> {
         let mut core = self.0.core();
         core.end_requests(self.0.clock.now());
         self.progress(&core, axis)
     }
 
     /// Those that are meant and can be armed, and the names of those that cannot because they have no model yet.
-    fn armable(&self, axis: Option<&str>) -> Result<(Vec<usize>, Vec<&str>), String> {
+    fn armable(&self, axis: Option<&str>) -> Result<(Vec<usize>, Vec<&str>), Explained> {
         let profile = &self.0.profile;
         let (armable, unmodelled): (Vec<usize>, Vec<usize>) =
             self.chosen(axis)?.into_iter().partition(|axis| profile.axes[*axis].has_model());
         let name = |axis: &usize| profile.axes[*axis].settings.name.as_str();
         match unmodelled.first() {
             Some(first) if armable.is_empty() => {
-                Err(format!("axis {} is not armed: {}", name(first), why::unmodelled(profile, *first)))
+                let why = why::unmodelled(profile, *first);
+                Err(why.within(|cause| format!("axis {} is not armed: {cause}", name(first))))
             }
             _ => Ok((armable, unmodelled.iter().map(name).collect())),
         }
     }
 
-    fn progress(&self, core: &Core, axis: Option<&str>) -> Result<Answer, String> {
+    fn progress(&self, core: &Core, axis: Option<&str>) -> Result<Answer, Explained> {
         let (profile, now) = (&self.0.profile, self.0.clock.now());
         let (chosen, unmodelled) = self.armable(axis)?;
         let (mut armed, mut waiting) = (Vec::new(), Vec::new());
@@ -342,8 +346,8 @@ impl CommandHandle {
             } else if arming.refusal.is_some()
                 || !(arming.asked.is_some() || arming.is_waiting(profile, axis))
             {
-                let why = arming.refusal.as_ref().unwrap_or(&arming.why);
-                return Err(format!("axis {name} is not armed: {why}"));
+                let why = arming.refusal.as_ref().unwrap_or(&arming.why).clone();
+                return Err(why.within(|cause| format!("axis {name} is not armed: {cause}")));
             } else {
                 waiting.push(format!("{name}: waiting to arm: {}", core.why(axis, now)));
             }
@@ -394,11 +398,11 @@ impl CommandHandle {
             Some(0) => Ok("somebody had seen it before".to_owned()),
             Some(1) => Ok("one alarm is seen".to_owned()),
             Some(count) => Ok(format!("{count} alarms are seen")),
-            None => Err("no such alarm stands".to_owned()),
+            None => Err(Explained::new("no such alarm stands", "it has ended, or has another name")),
         };
-        let answered = answer.as_ref().map(String::as_str).map_err(String::as_str);
+        let answered = answer.as_ref().map(String::as_str).map_err(Explained::clone);
         shared.report(&reported(command, Vec::new(), asker, answered));
-        answer.map(Answer::Done)
+        answer.map(Answer::Done).map_err(|why| why.to_string())
     }
 
     /// The error is that of the diameter where the axis acts on one.
@@ -413,8 +417,9 @@ impl CommandHandle {
             let place = self.chosen(Some(axis))?[0];
             let settings = &shared.profile.axes[place];
             if settings.settings.probe.is_none() {
-                return Err(format!(
-                    "axis {axis} takes no measured errors: its profile has no [axis.{axis}.probe]"
+                return Err(Explained::new(
+                    format!("axis {axis} takes no measured errors: its profile has no [axis.{axis}.probe]"),
+                    "add that table, and restart",
                 ));
             }
             let Some(report) = report else {
@@ -425,7 +430,7 @@ impl CommandHandle {
                 ));
             };
             if core.stop.is_some() {
-                return Err("the gateway is stopping".to_owned());
+                return Err("the gateway is stopping".into());
             }
             let of_radius = if settings.diameter { 0.5 } else { 1.0 };
             let error_of_radius = Micron::new(report.error_um * of_radius)
@@ -433,10 +438,12 @@ impl CommandHandle {
             let now = shared.clock.now();
             let rejected = core.compensation.check_report(place, &report, (now, shared.clock.shift())).err();
             if let Some(why) = rejected {
-                return Err(format!("{axis}: rejected: {why}"));
+                return Err(format!("{axis}: rejected: {why}").into());
             }
-            let acting = acting(place, &core.outputs, &core.arming[place])
-                .ok_or_else(|| format!("{axis}: {}; measure again when it is", Missed::Acting.message()))?;
+            let acting = acting(place, &core.outputs, &core.arming[place]).ok_or_else(|| {
+                let cause = format!("{axis}: {}", Missed::Acting.message());
+                Explained::new(cause, "measure again when it is")
+            })?;
             let measured = Measured { error: error_of_radius, acting: Some(acting) };
             core.board.look(now);
             let snapshot = Snapshot::new(now, core.board.seen());
@@ -447,7 +454,9 @@ impl CommandHandle {
             let taken = match why {
                 None => "it is learned from at once".to_owned(),
                 Some((Refused::Doubted(_), why)) => format!("not learned from yet: {why}"),
-                Some((_, why)) => return Err(format!("{axis}: not learned from: {why}")),
+                Some((_, why)) => {
+                    return Err(why.within(|cause| format!("{axis}: not learned from: {cause}")));
+                }
             };
             core.compensation.take_report(place, report, now);
             core.probing[place].measured = Some(measured);

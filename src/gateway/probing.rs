@@ -9,6 +9,7 @@
 //! moment is not known cannot be held against the Cz that acted then.
 
 use isotherm_core::compensation::{Measured, Probed, Refused};
+use isotherm_core::explained::Explained;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{ProbeInput, Profile};
 
@@ -95,23 +96,28 @@ pub(super) fn acting(axis: usize, outputs: &Outputs, arming: &Arming) -> Option<
 }
 
 /// Why nothing was learned.
-pub(super) fn why_refused(profile: &Profile, axis: usize, refused: Refused, probed: &Probed) -> String {
+pub(super) fn why_refused(profile: &Profile, axis: usize, refused: Refused, probed: &Probed) -> Explained {
     match refused {
-        Refused::NoModel => "no model of the axis can be used now".to_owned(),
-        Refused::Tripped => "its model asked for more than the error level and is not believed".to_owned(),
-        Refused::Outside => "the inputs lie outside what its model was identified on".to_owned(),
+        Refused::NoModel => {
+            Explained::new("no model of the axis can be used now", "look at the alarms of its signals")
+        }
+        Refused::Tripped => Explained::new(
+            "its model asked for more than the error level and is not used",
+            "arm the axis again when the cause is found",
+        ),
+        Refused::Outside => Explained::new(
+            "the inputs lie outside what its model was identified on",
+            "if such days are usual, identify the model with them",
+        ),
         Refused::Implausible => {
             let settings = &profile.axes[axis].settings;
             let most = settings.probe.map_or(Micron::ZERO, |probe| probe.max_error);
-            format!(
-                "{}, more than the {most} of axis.{}.probe.max_error; measure again",
-                wrong_by(probed),
-                settings.name
-            )
+            let more = format!("more than the {most} of axis.{}.probe.max_error", settings.name);
+            Explained::new(format!("{}, {more}", wrong_by(probed)), "measure again")
         }
-        Refused::Doubted(most) => format!(
-            "{}, more than the {most} that it can have come to; measure again: it waits for a second probing that agrees",
-            wrong_by(probed)
+        Refused::Doubted(most) => Explained::new(
+            format!("{}, more than the {most} that it can have come to", wrong_by(probed)),
+            "measure again: it waits for a second probing that agrees",
         ),
     }
 }

@@ -3,13 +3,19 @@
 use crate::observe::events::Event;
 use isotherm_core::compensation::settings::AxisSettings;
 use isotherm_core::compensation::{AxisState, Decision, Distrusted, Stages};
+use isotherm_core::explained::{Cause, Explained};
 use isotherm_profile::Profile;
 
 use super::{extrapolation, stand_in};
 
+/// Steps in a row at which an axis is in the same state for another reason before that is reported.
+const CHANGED_AFTER_STEPS: u32 = 2;
+
 #[derive(Clone, Debug, Default)]
 pub(super) struct Reported {
     state: AxisState,
+    /// Reported cause of a state that is an alarm.
+    cause: Option<Cause<String>>,
     levels: Levels,
     extrapolating: bool,
     distrusted: Vec<stand_in::Reported>,
@@ -65,17 +71,25 @@ impl Reported {
         profile: &Profile,
         axis: &AxisSettings,
         decision: &Decision,
-        (why, stopping): (impl FnOnce() -> String, bool),
+        (why, stopping): (impl FnOnce() -> Explained, bool),
         events: &mut Vec<Event>,
     ) {
-        if self.state.name() != decision.state.name() {
-            events.push(Event::AxisState {
-                axis: axis.name.clone(),
-                from: self.state.name(),
-                to: decision.state.name(),
-                why: why(),
-                stopping,
-            });
+        let (from, to) = (self.state.name(), decision.state.name());
+        let is_alarm = !stopping && !matches!(decision.state, AxisState::Off | AxisState::Active);
+        if from != to || is_alarm {
+            let why = why();
+            let is_another = match &mut self.cause {
+                Some(cause) if from == to && !why.cause.is_empty() => {
+                    cause.is_now(why.cause.clone(), CHANGED_AFTER_STEPS)
+                }
+                _ => false,
+            };
+            if from != to {
+                self.cause = is_alarm.then(|| Cause::new(why.cause.clone()));
+            }
+            if from != to || is_another {
+                events.push(Event::AxisState { axis: axis.name.clone(), from, to, why, stopping });
+            }
             self.state = decision.state;
         }
         self.levels.report(axis, decision, events);
@@ -96,5 +110,44 @@ impl Reported {
             return;
         }
         stand_in::report((profile, &axis.name), decision, &found, &mut self.distrusted, events);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gateway::log::sample;
+    use isotherm_core::compensation::{Compensation, Remembered};
+    use isotherm_core::quantity::Moment;
+
+    /// An axis that holds because a sensor is lost, and then because a line is down, is the same state of another cause.
+    #[test]
+    fn a_state_is_reported_again_when_its_cause_is_another_one_for_two_steps() {
+        let profile = sample::profile();
+        let axis = &profile.axes[0].settings;
+        let compensation =
+            Compensation::new(profile.machine.clone(), vec![axis.clone()], Remembered::default());
+        let mut decision = *compensation.decision(0).unwrap();
+        let mut reported = Reported::default();
+        let mut step = |state, cause: &str, stopping| {
+            decision.state = state;
+            let mut events = Vec::new();
+            let why = || Explained::new(cause, "mend it");
+            reported.report(&profile, axis, &decision, (why, stopping), &mut events);
+            let texts = events.iter().map(|event| event.entry(Moment::default()).text);
+            texts.collect::<Vec<_>>()
+        };
+        let holding = AxisState::Holding(Moment::default());
+        assert_eq!(step(holding, "bed is lost", false), ["axis z: off → frozen: bed is lost; mend it"]);
+        assert_eq!(step(holding, "bed is lost", false), [""; 0]);
+        assert_eq!(step(holding, "no connection", false), [""; 0]);
+        assert_eq!(step(holding, "bed is lost", false), [""; 0], "it came and went");
+        assert_eq!(step(holding, "no connection", false), [""; 0]);
+        assert_eq!(step(holding, "no connection", false), ["axis z: still frozen: no connection; mend it"]);
+        assert_eq!(step(holding, "", false), [""; 0]);
+        assert_eq!(step(holding, "stopping", true), [""; 0]);
+        assert_eq!(step(holding, "stopping", true), [""; 0], "an orderly stop is no trouble");
+        assert_eq!(step(AxisState::Active, "", false), ["axis z: frozen → compensating"]);
+        assert_eq!(step(AxisState::Active, "a", false), [""; 0]);
     }
 }

@@ -13,7 +13,6 @@ use sd_notify::NotifyState;
 
 use super::shared::Shared;
 use isotherm_core::compensation::AxisState;
-use isotherm_core::display::{Display, Shown};
 use isotherm_profile::BusId;
 
 /// How long the first attempt of each line to open is waited for.
@@ -114,14 +113,9 @@ fn in_words(shared: &Shared) -> Option<String> {
     let mut states: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for (place, axis) in profile.axes.iter().enumerate() {
         let state = core.compensation.decision(place).map_or(AxisState::Off, |decision| decision.state);
-        let shown = Shown {
-            state,
-            has_model: axis.has_model(),
-            is_waiting: core.arming[place].is_waiting(profile, place),
-            is_checked: core.arming[place].sign.is_some(),
-            held: core.outputs.held(place, &core.contact, shared.dry_run),
-        };
-        states.entry(Display::of(shown).words()).or_default().push(&axis.settings.name);
+        let intent = core.arming[place].intent(profile, place);
+        let display = core.outputs.display(place, (state, intent), (&core.contact, shared.dry_run));
+        states.entry(display.words()).or_default().push(&axis.settings.name);
     }
     let is_lost = |place: &usize| !core.contact.devices[*place].is_here();
     let lost: Vec<&str> = (0..profile.devices.len())

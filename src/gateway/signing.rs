@@ -11,42 +11,52 @@ use crate::observe::asker::Asker;
 use crate::observe::events::Event;
 use crate::observe::status::{Answer, Moved};
 use isotherm_core::compensation::AxisState;
+use isotherm_core::explained::Explained;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::Profile;
 
 /// Begins a check of this axis.
-pub(super) fn begin(core: &mut Core, axis: usize, asker: &Arc<Asker>, now: Moment) -> Result<Answer, String> {
+pub(super) fn begin(
+    core: &mut Core,
+    axis: usize,
+    asker: &Arc<Asker>,
+    now: Moment,
+) -> Result<Answer, Explained> {
     let (profile, dry_run) = given(core);
     let settings = &profile.axes[axis].settings;
     let (name, guard) = (&settings.name, &settings.guard);
     if !profile.axes[axis].has_model() {
-        return Err(format!("axis {name}: {}", why::unmodelled(&profile, axis)));
+        return Err(why::unmodelled(&profile, axis).within(|cause| format!("axis {name}: {cause}")));
     }
     if dry_run || core.stop.is_some() {
         let why = if dry_run { "nothing is written in a dry run" } else { "the gateway is stopping" };
-        return Err(why.to_owned());
+        return Err(why.into());
     }
     if !profile.outputs.iter().any(|output| output.axis.0 == axis && output.writes.is_cz()) {
-        return Err(format!("no output writes the Cz of axis {name}: nothing would move"));
+        return Err(format!("no output writes the Cz of axis {name}: nothing would move").into());
     }
     if core.arming[axis].sign.is_some() {
-        return Err(format!("the sign of axis {name} is being checked already"));
+        return Err(format!("the sign of axis {name} is being checked already").into());
     }
     let decision = core.compensation.decision(axis).filter(|_| core.arming[axis].armed);
     let Some(decision) = decision else {
-        return Err(format!("axis {name} is off: arm it first (`isotherm arm --axis {name}`)"));
+        return Err(Explained::new(
+            format!("axis {name} is off"),
+            format!("arm it first (`isotherm arm --axis {name}`)"),
+        ));
     };
     if !decision.state.is_following() || !core.has_arrived(axis) {
         let why = core.why(axis, now);
         let does = AxisState::display_of(decision.state.name());
-        let why = if why.is_empty() { "its offset is on its way".to_owned() } else { why };
-        return Err(format!(
-            "axis {name} is {does}: {why}; check its sign when it stands still and compensates"
+        let why = if why.cause.is_empty() { "its offset is on its way".into() } else { why };
+        return Err(Explained::new(
+            format!("axis {name} is {does}: {why}"),
+            "check its sign when it stands still and compensates",
         ));
     }
     let from = decision.cz;
     if let Some(why) = refused(guard, from, name) {
-        return Err(format!("the sign of axis {name} cannot be checked now: {why}"));
+        return Err(format!("the sign of axis {name} cannot be checked now: {why}").into());
     }
     let to = Micron::new(from.get() + WAY).unwrap_or(from);
     let steps = (WAY / guard.step.get()).ceil() + 2.0;
@@ -58,11 +68,12 @@ pub(super) fn begin(core: &mut Core, axis: usize, asker: &Arc<Asker>, now: Momen
 }
 
 /// What a check has come to: done when the offset is there, and a person may look.
-pub(super) fn progress(core: &Core, axis: usize) -> Result<Answer, String> {
+pub(super) fn progress(core: &Core, axis: usize) -> Result<Answer, Explained> {
     let (profile, _) = given(core);
     let name = &profile.axes[axis].settings.name;
     let Some(check) = &core.arming[axis].sign else {
-        return Err(format!("the sign of axis {name} is not being checked any more (see `isotherm events`)"));
+        let cause = format!("the sign of axis {name} is not being checked any more");
+        return Err(Explained::new(cause, "`isotherm events` says why"));
     };
     let way = check.to - check.from;
     Ok(match check.is_there {
@@ -77,18 +88,25 @@ pub(super) fn answer(
     axis: usize,
     moved: Moved,
     (asker, stamp): (&Asker, String),
-) -> Result<Answer, String> {
+) -> Result<Answer, Explained> {
     let (profile, _) = given(core);
     let name = profile.axes[axis].settings.name.clone();
     match &core.arming[axis].sign {
-        None => return Err(format!("no check of the sign of axis {name} is under way: begin one")),
-        Some(check) if !check.is_there => return Err(format!("{name}: the offset is not there yet")),
+        None => {
+            return Err(Explained::new(
+                format!("no check of the sign of axis {name} is under way"),
+                "begin one",
+            ));
+        }
+        Some(check) if !check.is_there => {
+            return Err(Explained::new(format!("{name}: the offset is not there yet"), "wait for it"));
+        }
         Some(_) => {}
     }
     core.arming[axis].sign = None;
     core.storage.signs.entry(name.clone()).or_default().checked = Some((stamp, moved));
     core.storage.remember_soon();
-    let said = moved.sentence(&name);
+    let said = moved.explained(&name);
     let (way, who) = (asker.way, asker.who.clone());
     core.events.push(Event::SignChecked { axis: name.clone(), moved, way, who });
     Ok(Answer::Done(format!("{name}: {said}")))
@@ -104,15 +122,12 @@ pub(super) fn follow(core: &mut Core, now: Moment) {
         let (profile, _) = given(core);
         let guard = &profile.axes[axis].settings.guard;
         let why = if !decision.state.is_following() {
-            Some(format!(
-                "the axis is {}: {}",
-                AxisState::display_of(decision.state.name()),
-                core.why(axis, now)
-            ))
+            let does = AxisState::display_of(decision.state.name());
+            Some(core.why(axis, now).within(|cause| format!("the axis is {does}: {cause}")))
         } else if check.by.has_left() {
-            Some("whoever asked has gone".to_owned())
+            Some("whoever asked has gone".into())
         } else {
-            (now >= check.until).then(|| "nobody has said in time which way the gauge moved".to_owned())
+            (now >= check.until).then(|| "nobody has said in time which way the gauge moved".into())
         };
         if let Some(why) = why {
             end(core, axis, why);
@@ -127,7 +142,7 @@ pub(super) fn follow(core: &mut Core, now: Moment) {
 }
 
 /// Takes a check back; whether there was one.
-pub(super) fn end(core: &mut Core, axis: usize, why: String) -> bool {
+pub(super) fn end(core: &mut Core, axis: usize, why: Explained) -> bool {
     let (profile, _) = given(core);
     let was = core.arming[axis].sign.is_some();
     if was {

@@ -3,14 +3,18 @@
 use crate::observe::events::{Event, StandIn, others};
 use crate::observe::status::StoodInStatus;
 use isotherm_core::compensation::{Decision, Distrusted, StoodIn};
+use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::Profile;
 
+use super::why::SEE_TO_THE_SENSOR;
+
 /// `bed frozen, taken from 5 others`.
-pub(super) fn message(profile: &Profile, found: &StoodIn) -> String {
+pub(super) fn explained(profile: &Profile, found: &StoodIn) -> Explained {
     let is = if found.frozen { "frozen" } else { "lost" };
-    format!("{} {is}, taken from {}", profile.signal(found.signal).name, others(found.others))
+    let signal = &profile.signal(found.signal).name;
+    Explained::new(format!("{signal} {is}, taken from {}", others(found.others)), SEE_TO_THE_SENSOR)
 }
 
 /// A sensor that was reported, and how.
@@ -90,7 +94,8 @@ mod tests {
         let mut told = |found: &[Distrusted]| -> Vec<String> {
             let mut events = Vec::new();
             report((&profile, "z"), decision, found, &mut reported, &mut events);
-            events.iter().map(|event| event.entry(Moment::default()).text).collect()
+            let texts = events.iter().map(|event| event.entry(Moment::default()).text);
+            texts.map(|text| text.split("; look at").next().unwrap().to_owned()).collect()
         };
         let bed = found(0, true, Some(5));
         assert_eq!(told(&[bed]), ["axis z: bed frozen for 0s, taken from 5 others"]);

@@ -22,7 +22,8 @@ use crate::observe::status::{
     SignalStatus, Status, WaitingStatus,
 };
 use isotherm_core::compensation::{Decision, Probe, Stages};
-use isotherm_core::display::{Display, Shown};
+use isotherm_core::display::Intent;
+use isotherm_core::explained::Explained;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
 use isotherm_profile::DeviceId;
@@ -80,11 +81,12 @@ impl Picture {
         picture
     }
 
-    fn is_waiting(&self, shared: &Shared, axis: usize) -> bool {
-        !self.stopping && self.arming[axis].is_waiting(&shared.profile, axis)
+    fn intent(&self, shared: &Shared, axis: usize) -> Intent {
+        let intent = self.arming[axis].intent(&shared.profile, axis);
+        if self.stopping && intent == Intent::Arm { Intent::Follow } else { intent }
     }
 
-    fn why(&self, shared: &Shared, axis: usize) -> String {
+    fn why(&self, shared: &Shared, axis: usize) -> Explained {
         let reasons = Reasons {
             profile: &shared.profile,
             axis,
@@ -97,7 +99,7 @@ impl Picture {
             stopping: self.runs_fault_actions,
             dry_run: shared.dry_run,
         };
-        reasons.message()
+        reasons.explained()
     }
 }
 
@@ -165,18 +167,15 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
         truth: None,
         name: axis.settings.name.clone(),
         label: axis.label.clone(),
-        state: match picture.is_waiting(shared, place) {
-            true => "waiting",
-            false => decision.state.name(),
+        state: match picture.intent(shared, place) {
+            Intent::Arm => "waiting",
+            _ => decision.state.name(),
         },
-        shown: Display::of(Shown {
-            state: decision.state,
-            has_model: axis.has_model(),
-            is_waiting: picture.is_waiting(shared, place),
-            is_checked: picture.arming[place].sign.is_some(),
-            held: picture.outputs.held(place, &picture.contact, shared.dry_run),
-        })
-        .name(),
+        shown: picture.outputs.display(
+            place,
+            (decision.state, picture.intent(shared, place)),
+            (&picture.contact, shared.dry_run),
+        ),
         waiting: picture.arming[place].asked.as_ref().map(|asked| WaitingStatus {
             asked: asked.by.way.by(&asked.by.who),
             expires_s: asked.until.since(picture.now).as_secs_f64(),
@@ -235,7 +234,7 @@ fn probe(shared: &Shared, picture: &Picture, place: usize) -> Option<ProbeStatus
             error_um: last.error.get(),
             acting_um: last.acting.get(),
             residual_um: last.residual.map(Micron::get),
-            refused: last.refused.map(|why| why_refused(&shared.profile, place, why, last)),
+            refused: last.refused.map(|why| why_refused(&shared.profile, place, why, last).to_string()),
         }),
         history: (probe.history())
             .map(|entry| (shared.clock.stamp(entry.at).to_string(), entry.residual.get()))
@@ -269,7 +268,7 @@ fn signals(shared: &Shared, picture: &Picture) -> Vec<SignalStatus> {
                 },
                 reason: match reading.quality {
                     Quality::Good => String::new(),
-                    Quality::Bad(reason) => picture.contact.why(SignalId(place), reason),
+                    Quality::Bad(reason) => picture.contact.why(SignalId(place), reason).to_string(),
                 },
                 age_s: (taken > Moment::default() && reading.quality != Quality::Bad(Reason::NeverRead))
                     .then(|| picture.now.since(taken).as_secs_f64()),

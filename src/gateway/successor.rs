@@ -11,6 +11,7 @@ use std::process::{Command, ExitStatus, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
 
+use isotherm_core::explained::Explained;
 use isotherm_profile::one_line;
 
 use super::handover::{Handover, digest_path};
@@ -174,13 +175,14 @@ impl Successor {
         let answer =
             commands.carry_out(("restart".to_owned(), Vec::new()), asker, String::as_str, |core| {
                 if core.stop.is_some() {
-                    return Err("the gateway is stopping".to_owned());
+                    return Err("the gateway is stopping".into());
                 }
                 let checked = core.arming.as_slice().iter().position(|arming| arming.sign.is_some());
                 if let Some(axis) = checked {
                     let name = &self.shared.profile.axes[axis].settings.name;
-                    return Err(format!(
-                        "the sign of {name} is being checked, which moves it: end that first"
+                    return Err(Explained::new(
+                        format!("the sign of {name} is being checked, which moves it"),
+                        "end that first",
                     ));
                 }
                 core.replaced_by = asker.way.by(&asker.who);

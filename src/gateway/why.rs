@@ -1,14 +1,23 @@
 //! Why an axis does what it does.
 
+use std::borrow::Cow;
+
 use isotherm_core::compensation::{Decision, Permit, Unusable};
+use isotherm_core::explained::Explained;
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
-use isotherm_profile::{Arm, Profile};
+use isotherm_profile::{Arm, Output, Profile};
 
 use super::arming::{Arming, has_its_reference};
 use super::contact::Contact;
 use super::output::{Outputs, Standing};
 use super::{extrapolation, stand_in};
-use isotherm_profile::counted;
+
+/// Cause of an axis that gave up.
+pub(super) const BEYOND_ERROR: &str = "its model asked for more than the error level";
+/// Hint for what only a person can find.
+pub(super) const WHEN_FOUND: &str = "arm it again when the cause is found";
+/// Hint for a sensor that is lost or frozen.
+pub(super) const SEE_TO_THE_SENSOR: &str = "look at the sensor, its cable and its channel";
 
 /// What it can be known from.
 #[derive(Clone, Copy)]
@@ -28,8 +37,8 @@ pub(super) struct Reasons<'a> {
 }
 
 /// Why an axis without a model is off.
-pub(super) fn unmodelled(profile: &Profile, axis: usize) -> String {
-    format!("no model yet: {}", how_to_find_a_model(profile, axis))
+pub(super) fn unmodelled(profile: &Profile, axis: usize) -> Explained {
+    Explained::new("no model yet", how_to_find_a_model(profile, axis))
 }
 
 /// How an axis gets its model.
@@ -42,8 +51,9 @@ pub fn how_to_find_a_model(profile: &Profile, axis: usize) -> String {
 }
 
 impl Reasons<'_> {
-    /// Why an axis is not following its preferred model; empty where it is.
-    pub(super) fn message(&self) -> String {
+    /// Why an axis is not following its preferred model; empty if it is. The cause has no figure that changes by itself: another
+    /// text is another cause.
+    pub(super) fn explained(&self) -> Explained {
         let Reasons { profile, axis, arming, decision, .. } = *self;
         if !profile.axes[axis].has_model() {
             return unmodelled(profile, axis);
@@ -52,14 +62,12 @@ impl Reasons<'_> {
             return refusal.clone();
         }
         if arming.latched && arming.asked.is_none() {
-            return format!(
-                "{}; arm it again",
-                if arming.why.is_empty() { "switched off" } else { &arming.why }
-            );
+            let known = Some(arming.why.clone()).filter(|why| !why.cause.is_empty());
+            return known.unwrap_or_else(|| "switched off".into()).or_hint("arm it again");
         }
         let permit = arming.permit(profile, axis, self.outputs, self.stopping, self.dry_run);
         if permit == Permit::Stopping {
-            return "the gateway is stopping".to_owned();
+            return "the gateway is stopping".into();
         }
         let is_well = |standing| match permit {
             Permit::Off => standing == Standing::Verified,
@@ -75,12 +83,13 @@ impl Reasons<'_> {
                 let stands = format!("output {} is {}", output.name, state.standing.name());
                 let cause = state.cause.filter(|_| state.failures > 0);
                 match (state.handshake.failed, cause) {
-                    (Some(failed), _) => format!("{stands}: {}", failed.message()),
-                    (None, Some(fault)) => {
-                        let why = self.contact.why_of_output(id, fault);
-                        format!("{stands}, {}: {why}", counted(state.failures, "time"))
+                    (Some(failed), _) => {
+                        Explained::new(format!("{stands}: {}", failed.message()), failed.hint())
                     }
-                    (None, None) => stands,
+                    (None, Some(fault)) => {
+                        self.contact.why_of_output(id, fault).within(|cause| format!("{stands}: {cause}"))
+                    }
+                    (None, None) => Explained { cause: stands, hint: hint_at(output, state.standing) },
                 }
             });
         let displaced = self
@@ -89,62 +98,81 @@ impl Reasons<'_> {
             .find(|(output, state)| {
                 permit == Permit::Unverified && !has_its_reference(profile, output, state)
             })
-            .map(|(output, _)| format!("output {} does not hold the reference position yet", output.name));
+            .map(|(output, _)| {
+                format!("output {} does not hold the reference position yet", output.name).into()
+            });
         let troubled = troubled.or(displaced);
         if decision.tripped {
-            return "its model asked for more than the error level".to_owned();
+            return Explained::new(BEYOND_ERROR, WHEN_FOUND);
         }
         match (permit, troubled, decision.lacks) {
             (Permit::Unverified | Permit::Held | Permit::Off, Some(troubled), _) => troubled,
             (_, _, Some(lacks)) => self.lacks(lacks),
             (Permit::Off, None, None) if profile.arm == Arm::Manual && arming.asked.is_none() => {
-                "nobody has armed it yet".to_owned()
+                "nobody has armed it yet".into()
             }
             (Permit::Off, None, None) if arming.asked.is_some() => {
-                "its devices have not all been looked at yet".to_owned()
+                "its devices have not all been looked at yet".into()
             }
             _ => match (&decision.extrapolating, &decision.stood_in) {
-                (Some(found), _) if !decision.state.is_following() => extrapolation::message(profile, found),
-                (_, Some(found)) => stand_in::message(profile, found),
-                _ => String::new(),
+                (Some(found), _) if !decision.state.is_following() => extrapolation::cause(profile, found),
+                (_, Some(found)) => stand_in::explained(profile, found),
+                _ => Explained::default(),
             },
         }
     }
 
-    fn lacks(&self, lacks: Unusable) -> String {
+    fn lacks(&self, lacks: Unusable) -> Explained {
+        const RUN_IT: &str = "switch the machine on";
         let name = |id: SignalId| &self.profile.signal(id).name;
         match lacks {
             Unusable::Signal(id) => {
-                let quality = self.seen.get(id.0).map(|reading| reading.quality);
-                match quality {
-                    Some(Quality::Bad(Reason::OpenCircuit)) => format!("{} has an open circuit", name(id)),
-                    Some(Quality::Bad(Reason::ShortCircuit)) => format!("{} has a short circuit", name(id)),
-                    Some(Quality::Bad(reason)) => {
-                        format!("{}: {}", name(id), self.contact.why(id, reason))
-                    }
-                    _ => format!(
-                        "{}: {}",
-                        name(id),
-                        quality.map_or(String::new(), |quality| quality.to_string())
-                    ),
-                }
+                let Some(Quality::Bad(reason)) = self.seen.get(id.0).map(|reading| reading.quality) else {
+                    return format!("{} was not good", name(id)).into();
+                };
+                self.contact.why(id, reason).within(|cause| match reason {
+                    Reason::OpenCircuit => format!("{} has an open circuit", name(id)),
+                    Reason::ShortCircuit => format!("{} has a short circuit", name(id)),
+                    // Its age is another one at each look.
+                    Reason::Stale => format!("{}: {reason}", name(id)),
+                    _ => format!("{}: {cause}", name(id)),
+                })
             }
-            Unusable::Reference(id) if !self.has_run => {
+            Unusable::Reference(id) if !self.has_run => Explained::new(
                 format!(
                     "the machine has not been seen running yet, which is what {} is counted from",
                     name(id)
-                )
-            }
-            Unusable::Reference(id) => format!("the reference of {} is not captured yet", name(id)),
-            Unusable::Frozen(id) => format!("{} is frozen, and no other sensor stands in for it", name(id)),
-            Unusable::Unproven(id) => {
-                format!(
-                    "{} is back, and not believed until it has agreed with the others for an hour",
-                    name(id)
-                )
-            }
-            Unusable::MachineOff => "the machine has not been seen running yet".to_owned(),
-            Unusable::NotANumber => "the model's result is not a number".to_owned(),
+                ),
+                RUN_IT,
+            ),
+            Unusable::Reference(id) => format!("the reference of {} is not captured yet", name(id)).into(),
+            Unusable::Frozen(id) => Explained::new(
+                format!("{} is frozen, and no other sensor stands in for it", name(id)),
+                SEE_TO_THE_SENSOR,
+            ),
+            Unusable::Unproven(id) => format!(
+                "{} is back, and not believed until it has agreed with the others for an hour",
+                name(id)
+            )
+            .into(),
+            Unusable::MachineOff => Explained::new("the machine has not been seen running yet", RUN_IT),
+            Unusable::NotANumber => Explained::new(
+                "the model's result is not a number",
+                "look at its coefficients, and at the values of its signals",
+            ),
         }
     }
+}
+
+/// What to do about an output that is not verified, if no request of it has failed.
+fn hint_at(output: &Output, standing: Standing) -> Option<Cow<'static, str>> {
+    Some(match standing {
+        Standing::Interlocked => {
+            let when = output.when.as_ref().map_or("its condition holds", |when| when.text.as_str());
+            format!("the gateway writes again when {when}").into()
+        }
+        Standing::Foreign => "put the value right at the control, then arm the axis".into(),
+        Standing::Unverified => "look at the alarm of the output".into(),
+        Standing::Unknown | Standing::Verified => return None,
+    })
 }

@@ -6,6 +6,7 @@ use std::borrow::Cow;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::asker::Way;
 use super::status::Moved;
@@ -59,29 +60,19 @@ pub enum Event {
     /// It has stopped; `left` says what stays in the registers.
     Stopped { left: String },
     /// A connection could not be made, or broke.
-    LinkDown {
-        bus: String,
-        address: String,
-        #[serde(flatten)]
-        fault: Explained,
-    },
+    LinkDown { bus: String, address: String, fault: Explained },
     /// A connection is back.
     LinkUp { bus: String, address: String, attempts: u64 },
     /// A device stopped answering properly.
-    DeviceLost {
-        device: String,
-        at: String,
-        #[serde(flatten)]
-        fault: Explained,
-    },
+    DeviceLost { device: String, at: String, fault: Explained },
     /// It answers again.
     DeviceBack { device: String, at: String, missed: u64 },
     /// A device is not set as the profile expects it; nothing that depends on it is armed.
-    NotAsExpected { device: String, found: String },
+    NotAsExpected { device: String, found: Explained },
     /// It is now.
     AsExpected { device: String },
     /// A signal became unusable.
-    SignalBad { signal: String, reason: String },
+    SignalBad { signal: String, reason: Explained },
     /// It is usable again.
     SignalGood {
         signal: String,
@@ -90,12 +81,12 @@ pub enum Event {
     },
     /// A counter was set anew, referenced or restarted: nothing moved.
     Rereferenced { signal: String, unit: String, from: f64, to: f64 },
-    /// An axis changed its state.
+    /// An axis changed its state, or the cause of the state: `from` and `to` are then the same.
     AxisState {
         axis: String,
         from: &'static str,
         to: &'static str,
-        why: String,
+        why: Explained,
         /// The gateway was asked to stop: what the axis does is no fault.
         #[serde(skip)]
         stopping: bool,
@@ -103,13 +94,13 @@ pub enum Event {
     /// What somebody asked for, and what came of it; `axes` is empty where it concerns none.
     Command { command: String, axes: Vec<String>, way: Way, who: String, answer: String },
     /// It was not done.
-    CommandRefused { command: String, axes: Vec<String>, way: Way, who: String, why: String },
+    CommandRefused { command: String, axes: Vec<String>, way: Way, who: String, why: Explained },
     /// Nobody waited for it any more when its turn came: it will never be done.
     CommandDropped { command: String, axes: Vec<String>, way: Way, who: String, why: String },
     /// An axis that is to be armed waits for something else now.
-    WaitsToArm { axis: String, why: String },
+    WaitsToArm { axis: String, why: Explained },
     /// Nobody wants it to be armed any more.
-    ArmEnded { axis: String, why: String },
+    ArmEnded { axis: String, why: Explained },
     /// An axis is armed; `from` is what stood in its register.
     Armed {
         axis: String,
@@ -128,11 +119,11 @@ pub enum Event {
     /// A person looked which way a gauge moved when Cz went to plus.
     SignChecked { axis: String, moved: Moved, way: Way, who: String },
     /// Cz goes back, and nobody has said which way the gauge moved.
-    SignEnded { axis: String, why: String },
+    SignEnded { axis: String, why: Explained },
     /// An axis is off.
-    Disarmed { axis: String, why: String },
+    Disarmed { axis: String, why: Explained },
     /// An axis cannot be armed.
-    ArmRefused { axis: String, why: String },
+    ArmRefused { axis: String, why: Explained },
     /// The model asks for more than the limit.
     AtLimit {
         axis: String,
@@ -158,7 +149,7 @@ pub enum Event {
         error: Micron,
     },
     /// The inputs left the region that the axis's model was identified on.
-    Extrapolating { axis: String, how: String },
+    Extrapolating { axis: String, how: Explained },
     /// They are inside again, or no model is in use.
     Interpolating { axis: String },
     /// A measured error was learned from.
@@ -176,7 +167,7 @@ pub enum Event {
         axis: String,
         #[serde(rename = "error_um")]
         error: Option<Micron>,
-        why: String,
+        why: Explained,
     },
     /// What measured errors have taught was taken back.
     ProbeForgotten { axis: String },
@@ -202,24 +193,11 @@ pub enum Event {
     /// The control applies something else than what stands in its register.
     NotApplied { output: String, stands: String, applies: String, register: String },
     /// A write failed on its way.
-    WriteFailed {
-        output: String,
-        #[serde(flatten)]
-        fault: Explained,
-    },
+    WriteFailed { output: String, fault: Explained },
     /// The register of an output cannot be read.
-    ReadFailed {
-        output: String,
-        #[serde(flatten)]
-        fault: Explained,
-    },
+    ReadFailed { output: String, fault: Explained },
     /// The heartbeat of the gateway is not written; `place` is its register or node.
-    HeartbeatFailed {
-        device: String,
-        place: String,
-        #[serde(flatten)]
-        fault: Explained,
-    },
+    HeartbeatFailed { device: String, place: String, fault: Explained },
     /// It is again.
     HeartbeatWritten { device: String, place: String },
     /// A write was verified again.
@@ -241,7 +219,7 @@ pub enum Event {
     /// Nothing is known of a register that is to be shared and is not zero; a person has to say that it is his.
     FirstAccount { output: String, holds: String },
     /// What of a register is ours is not certain; a person has to say.
-    LedgerDoubt { output: String, why: String },
+    LedgerDoubt { output: String, why: Explained },
     /// The register was back at zero: the CNC was restarted.
     CncRestarted { output: String, expected: String },
     /// A device template is not as the last run had it.
@@ -253,11 +231,11 @@ pub enum Event {
     /// A CAN node was reset, or has left its work for another reason; it is set up and started again.
     NodeReset { device: String, node: u8, what: String },
     /// A CAN node complains of something.
-    Emergency { device: String, what: String },
+    Emergency { device: String, what: Explained },
     /// It does not any more; so many messages came.
     EmergencyOver { device: String, count: u64 },
     /// The controller, the queue or the receiver of a CAN line is in trouble.
-    BusTrouble { bus: String, address: String, what: String },
+    BusTrouble { bus: String, address: String, what: Explained },
     /// It is over.
     BusWell {
         bus: String,
@@ -306,7 +284,7 @@ pub enum Event {
     /// Other gateways of this computer cannot be seen, so a second writer of a register would not be refused.
     NotExclusive { why: String },
     /// The state or the log could not be kept on disk.
-    NotKept { what: String, why: String },
+    NotKept { what: String, why: Explained },
     /// The state or the ledger is damaged, was changed, or is a copy from elsewhere: a sentence.
     NotBelieved { why: String },
     /// The program before this one in the same process handed nothing over that is accepted.
@@ -346,34 +324,68 @@ pub enum Level {
     Error,
 }
 
-/// One word for programs, how much it matters, and the sentence.
-type Described = (&'static str, Level, String);
-
-const fn info(kind: &'static str, text: String) -> Described {
-    (kind, Level::Info, text)
+/// Description of an event.
+struct Described {
+    /// One word for programs.
+    kind: &'static str,
+    level: Level,
+    /// What happened and where, without the cause.
+    about: String,
+    /// Cause and hint; `None` if nothing is wrong.
+    why: Option<Explained>,
 }
 
-const fn warning(kind: &'static str, text: String) -> Described {
-    (kind, Level::Warning, text)
+const fn info(kind: &'static str, about: String) -> Described {
+    Described { kind, level: Level::Info, about, why: None }
 }
 
-const fn error(kind: &'static str, text: String) -> Described {
-    (kind, Level::Error, text)
+/// Describes trouble that somebody should know of. `about` is empty if the cause says what happened.
+fn warning(kind: &'static str, about: impl Into<String>, why: Explained) -> Described {
+    Described { kind, level: Level::Warning, about: about.into(), why: Some(why) }
+}
+
+/// Describes trouble that somebody should mend. `about` is empty if the cause says what happened.
+fn error(kind: &'static str, about: impl Into<String>, why: Explained) -> Described {
+    Described { level: Level::Error, ..warning(kind, about, why) }
+}
+
+impl Described {
+    /// The sentence: what happened and where, the cause, and what to do.
+    fn text(&self) -> String {
+        let why = self.why.iter().map(ToString::to_string).filter(|why| !why.is_empty());
+        let about = Some(&self.about).filter(|about| !about.is_empty()).cloned();
+        about.into_iter().chain(why).collect::<Vec<_>>().join(": ")
+    }
+
+    /// Adds cause and hint to the data for programs.
+    fn explain(&self, data: &mut Value) {
+        let (Some(Explained { cause, hint }), Some(fields)) = (&self.why, data.as_object_mut()) else {
+            return;
+        };
+        fields.insert("cause".to_owned(), cause.as_str().into());
+        if let Some(hint) = hint {
+            fields.insert("hint".to_owned(), hint.as_ref().into());
+        }
+    }
 }
 
 impl Event {
     /// The event as it is logged at this moment.
     pub fn entry(&self, at: Moment) -> Entry {
-        let (kind, level, text) = self.described();
+        let described = self.described();
         // Numbers and texts always have a JSON form.
         let mut data = serde_json::to_value(self).unwrap_or_default();
+        described.explain(&mut data);
         data::bound(&mut data);
-        let text = cut(&one_line(&text), data::LONGEST).into_owned();
-        Entry { at: at.to_string(), kind: Cow::Borrowed(kind), level, text, data }
+        let text = cut(&one_line(&described.text()), data::LONGEST).into_owned();
+        Entry { at: at.to_string(), kind: Cow::Borrowed(described.kind), level: described.level, text, data }
     }
 
     /// One word for programs.
     fn kind(&self) -> &'static str {
-        self.described().0
+        self.described().kind
     }
 }
+
+#[cfg(test)]
+mod tests;

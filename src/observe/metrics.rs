@@ -169,7 +169,7 @@ fn record_axis(axis: &AxisStatus, of: Labels<'_>, samples: &mut Samples) {
     let named = of(&[("axis", &axis.name)]);
     samples.set("isotherm_axis_verified_cz_meters", &named, axis.verified_um.map(meters));
     samples.set("isotherm_axis_verified_age_seconds", &named, axis.verified_age_s);
-    samples.set("isotherm_axis_unreachable", &named, Some(flag(axis.shown == Display::Unreachable.name())));
+    samples.set("isotherm_axis_unreachable", &named, Some(flag(axis.shown == Display::Unreachable)));
     samples.set("isotherm_axis_cz_meters", &named, Some(meters(axis.cz_um)));
     samples.set("isotherm_axis_raw_meters", &named, axis.raw_um.map(meters));
     samples.set("isotherm_axis_expected_meters", &named, axis.expected_um.map(meters));

@@ -4,13 +4,15 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use serde::{Deserialize, Serialize};
+use serde::ser::SerializeMap;
+use serde::{Deserialize, Serialize, Serializer};
 
 use super::asker::Asker;
 use super::events::file::Found;
 use super::events::{Alarm, Entry, Event};
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::display::Display;
+use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Language, Overridden};
 
@@ -123,17 +125,21 @@ impl Moved {
     pub const ALL: [(&'static str, Moved); 3] =
         [("plus", Moved::Plus), ("minus", Moved::Minus), ("none", Moved::None)];
 
-    /// What that means for an axis, and what to do.
-    pub fn sentence(self, axis: &str) -> String {
+    /// Meaning for an axis, and what to do.
+    pub fn explained(self, axis: &str) -> Explained {
         match self {
-            Moved::Plus => "the gauge moved to plus: the sign is right".to_owned(),
-            Moved::Minus => format!(
-                "the gauge moved to minus: the sign is WRONG, and every µm makes the error larger; disarm {axis}, turn the \
-                 sign of `scale` at its output (or the sign in the control), and check again"
+            Moved::Plus => "the gauge moved to plus: the sign is right".into(),
+            Moved::Minus => Explained::new(
+                "the gauge moved to minus: the sign is WRONG, and every µm makes the error larger",
+                format!(
+                    "disarm {axis}, turn the sign of `scale` at its output (or the sign in the control), and check again"
+                ),
             ),
-            Moved::None => format!(
-                "the gauge did not move: the control does not apply the offset, or the gauge does not stand along {axis}; \
-                 disarm {axis} and look for the cause"
+            Moved::None => Explained::new(
+                format!(
+                    "the gauge did not move: the control does not apply the offset, or the gauge does not stand along {axis}"
+                ),
+                format!("disarm {axis} and look for the cause"),
             ),
         }
     }
@@ -227,7 +233,7 @@ impl Status {
         let axes = self.axes.iter().filter(|axis| axis.is_wanted()).filter(|axis| !is_held(axis));
         let mut missing: Vec<String> = devices
             .map(|device| sentence("device", &device.name, device.state, &device.fault))
-            .chain(axes.map(|axis| sentence("axis", &axis.name, axis.state, &axis.why)))
+            .chain(axes.map(|axis| sentence("axis", &axis.name, axis.state, &axis.why.to_string())))
             .collect();
         if !self.ready {
             missing.insert(0, "not every device has answered and every axis decided since the start".into());
@@ -244,8 +250,7 @@ impl AxisStatus {
 
     /// The words for it that people see.
     pub fn display(&self) -> &'static str {
-        let found = Display::ALL.into_iter().find(|(_, name, _)| *name == self.shown);
-        found.map_or(self.shown, |(_, _, words)| words)
+        self.shown.words()
     }
 }
 
@@ -274,6 +279,19 @@ impl OutputStatus {
     }
 }
 
+/// One sentence, and its parts if there is something to say.
+fn in_parts<S: Serializer>(why: &Explained, serializer: S) -> Result<S::Ok, S::Error> {
+    let mut fields = serializer.serialize_map(None)?;
+    fields.serialize_entry("why", why)?;
+    if !why.cause.is_empty() {
+        fields.serialize_entry("cause", &why.cause)?;
+    }
+    if let Some(hint) = &why.hint {
+        fields.serialize_entry("hint", hint)?;
+    }
+    fields.end()
+}
+
 /// One axis.
 #[derive(Clone, Debug, Serialize)]
 pub struct AxisStatus {
@@ -283,12 +301,15 @@ pub struct AxisStatus {
     pub label: String,
     /// off, waiting, active, degraded, holding, ramping, zeroed: what is decided.
     pub state: &'static str,
-    /// State as people see it, from the decision and the verified value: these, unmodelled, sign-check, unreachable.
-    pub shown: &'static str,
+    /// State as people see it, from the decision and the verified value: `shown` (these, unmodelled, sign-check, unreachable), and in
+    /// `tone` how alarming that is (good, warn, bad, off).
+    #[serde(flatten)]
+    pub shown: Display,
     /// The profile has a model for it; without one it stays off.
     pub has_model: bool,
-    /// What it waits for, or what the preferred model lacks, in words; empty where nothing.
-    pub why: String,
+    /// What it waits for, or what the preferred model lacks: `why` in one sentence, empty where nothing; `cause` and `hint`.
+    #[serde(flatten, serialize_with = "in_parts")]
+    pub why: Explained,
     /// Somebody asked for it to be armed, which could not be done yet.
     pub waiting: Option<WaitingStatus>,
     /// The model in use.

@@ -21,6 +21,7 @@ use isotherm::observe::status::{
     ProbedStatus, SignalStatus, Source, Status,
 };
 use isotherm_core::compensation::MeasuredReport;
+use isotherm_core::display::Display;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Commands;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -168,7 +169,7 @@ pub(crate) fn status() -> Status {
         stopping: false,
         ready: false,
         axes: vec![AxisStatus {
-            shown: "active",
+            shown: Display::Active,
             truth: None,
             has_model: true,
             sign: None,

@@ -7,8 +7,11 @@
 //! | is armed | a device of one does not answer | unreachable: the control may hold another value than the verified one |
 //! | moves for a check of its sign | answer | sign check |
 //! | follows a model, or keeps its value | answer | compensating, fallback model, frozen |
-//! | has decided zero | hold another Cz | returning to zero |
-//! | has decided zero | hold zero | at zero |
+//! | has decided zero | hold another Cz, or nothing was verified | returning to zero |
+//! | has decided zero | hold zero, verified | at zero |
+
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
 
 use crate::compensation::AxisState;
 
@@ -50,50 +53,72 @@ pub enum Display {
     Unreachable,
 }
 
-/// Inputs of [`Display::of`].
+/// How alarming a display state is. The page has a colour and a sign for each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shown {
-    /// Decided state.
-    pub state: AxisState,
-    /// The profile has a model for the axis.
-    pub has_model: bool,
-    /// The axis is not armed yet, and will be.
-    pub is_waiting: bool,
-    /// A sign check with a dial gauge is under way.
-    pub is_checked: bool,
-    /// Cz in the control.
-    pub held: Held,
+pub enum Tone {
+    /// The axis is compensated.
+    Good,
+    /// A person should know.
+    Warning,
+    /// A person should act.
+    Bad,
+    /// Nothing is written, and that is no fault.
+    Off,
+}
+
+impl Tone {
+    /// Name for programs.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Tone::Good => "good",
+            Tone::Warning => "warn",
+            Tone::Bad => "bad",
+            Tone::Off => "off",
+        }
+    }
+}
+
+/// What people want of an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Intent {
+    /// Nothing yet: the profile has no model for the axis.
+    Unmodelled,
+    /// Arm it as soon as the missing condition is met.
+    Arm,
+    /// Follow the model while it is armed.
+    Follow,
+    /// Move it for a dial gauge while it is armed.
+    CheckSign,
 }
 
 impl Display {
-    /// Every display state with its name for programs and its English words for people.
-    pub const ALL: [(Display, &'static str, &'static str); 10] = [
-        (Display::Unmodelled, "unmodelled", "no model yet"),
-        (Display::Off, "off", "off"),
-        (Display::Waiting, "waiting", "waiting to arm"),
-        (Display::Active, "active", "compensating"),
-        (Display::Degraded, "degraded", "fallback model"),
-        (Display::Holding, "holding", "frozen"),
-        (Display::Ramping, "ramping", "returning to zero"),
-        (Display::Zeroed, "zeroed", "at zero"),
-        (Display::SignCheck, "sign-check", "sign check"),
-        (Display::Unreachable, "unreachable", "unreachable"),
+    /// Every display state with its name for programs, its English words for people and its tone.
+    pub const ALL: [(Display, &'static str, &'static str, Tone); 10] = [
+        (Display::Unmodelled, "unmodelled", "no model yet", Tone::Off),
+        (Display::Off, "off", "off", Tone::Off),
+        (Display::Waiting, "waiting", "waiting to arm", Tone::Warning),
+        (Display::Active, "active", "compensating", Tone::Good),
+        (Display::Degraded, "degraded", "fallback model", Tone::Warning),
+        (Display::Holding, "holding", "frozen", Tone::Warning),
+        (Display::Ramping, "ramping", "returning to zero", Tone::Bad),
+        (Display::Zeroed, "zeroed", "at zero", Tone::Bad),
+        (Display::SignCheck, "sign-check", "sign check", Tone::Warning),
+        (Display::Unreachable, "unreachable", "unreachable", Tone::Bad),
     ];
 
-    /// Chooses the display state.
-    pub fn of(shown: Shown) -> Display {
-        let Shown { state, has_model, is_waiting, is_checked, held } = shown;
-        match state {
-            _ if is_waiting => Display::Waiting,
-            AxisState::Off if !has_model => Display::Unmodelled,
-            AxisState::Off => Display::Off,
+    /// Chooses the display state from the decided state, the intent and Cz in the control.
+    pub fn of(state: AxisState, intent: Intent, held: Held) -> Display {
+        match (state, intent) {
+            (_, Intent::Arm) => Display::Waiting,
+            (AxisState::Off, Intent::Unmodelled) => Display::Unmodelled,
+            (AxisState::Off, _) => Display::Off,
             _ if held == Held::Unreachable => Display::Unreachable,
-            AxisState::Active | AxisState::Degraded if is_checked => Display::SignCheck,
-            AxisState::Active => Display::Active,
-            AxisState::Degraded => Display::Degraded,
-            AxisState::Holding(_) => Display::Holding,
-            AxisState::Zeroed if held != Held::Other => Display::Zeroed,
-            AxisState::Ramping | AxisState::Zeroed => Display::Ramping,
+            (AxisState::Active | AxisState::Degraded, Intent::CheckSign) => Display::SignCheck,
+            (AxisState::Active, _) => Display::Active,
+            (AxisState::Degraded, _) => Display::Degraded,
+            (AxisState::Holding(_), _) => Display::Holding,
+            (AxisState::Zeroed, _) if held == Held::Zero => Display::Zeroed,
+            (AxisState::Ramping | AxisState::Zeroed, _) => Display::Ramping,
         }
     }
 
@@ -107,8 +132,23 @@ impl Display {
         self.entry().2
     }
 
-    fn entry(self) -> (Display, &'static str, &'static str) {
+    /// How alarming it is.
+    pub fn tone(self) -> Tone {
+        self.entry().3
+    }
+
+    fn entry(self) -> (Display, &'static str, &'static str, Tone) {
         Display::ALL.into_iter().find(|(display, ..)| *display == self).unwrap_or(Display::ALL[0])
+    }
+}
+
+/// Fields `shown` and `tone`, for programs.
+impl Serialize for Display {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut fields = serializer.serialize_map(Some(2))?;
+        fields.serialize_entry("shown", self.name())?;
+        fields.serialize_entry("tone", self.tone().name())?;
+        fields.end()
     }
 }
 
@@ -131,42 +171,35 @@ mod tests {
     fn every_state_and_every_value_in_the_control_have_what_is_shown() {
         use Display::{Active, Degraded, Holding, Off, Ramping, Unreachable, Zeroed};
         let table = [
-            (Held::Unknown, [Off, Active, Degraded, Holding, Ramping, Zeroed]),
+            (Held::Unknown, [Off, Active, Degraded, Holding, Ramping, Ramping]),
             (Held::Zero, [Off, Active, Degraded, Holding, Ramping, Zeroed]),
             (Held::Other, [Off, Active, Degraded, Holding, Ramping, Ramping]),
             (Held::Unreachable, [Off, Unreachable, Unreachable, Unreachable, Unreachable, Unreachable]),
         ];
         for (held, expected) in table {
             for (state, display) in STATES.into_iter().zip(expected) {
-                let shown = Shown { state, has_model: true, is_waiting: false, is_checked: false, held };
-                assert_eq!(Display::of(shown), display, "{shown:?}");
-                let waits = Display::of(Shown { is_waiting: true, ..shown });
-                assert_eq!(waits, Display::Waiting, "{shown:?}");
-                let checked = Display::of(Shown { is_checked: true, ..shown });
+                let of = |intent| Display::of(state, intent, held);
+                assert_eq!(of(Intent::Follow), display, "{state:?} {held:?}");
+                assert_eq!(of(Intent::Arm), Display::Waiting, "{state:?} {held:?}");
                 let moves = matches!(display, Active | Degraded);
-                assert_eq!(checked, if moves { Display::SignCheck } else { display }, "{shown:?}");
-                let unmodelled = Display::of(Shown { has_model: false, ..shown });
-                let is_off = display == Off;
-                assert_eq!(unmodelled, if is_off { Display::Unmodelled } else { display }, "{shown:?}");
+                let checked = if moves { Display::SignCheck } else { display };
+                assert_eq!(of(Intent::CheckSign), checked, "{state:?} {held:?}");
+                let unmodelled = if display == Off { Display::Unmodelled } else { display };
+                assert_eq!(of(Intent::Unmodelled), unmodelled, "{state:?} {held:?}");
             }
         }
     }
 
     #[test]
     fn each_has_a_name_and_words_of_its_own() {
-        for (display, name, words) in Display::ALL {
-            assert_eq!((display.name(), display.words()), (name, words));
-            let same = Display::ALL.iter().filter(|(_, other, said)| *other == name || *said == words);
+        for (display, name, words, tone) in Display::ALL {
+            assert_eq!((display.name(), display.words(), display.tone()), (name, words, tone));
+            let same = Display::ALL.iter().filter(|(_, other, said, _)| *other == name || *said == words);
             assert_eq!(same.count(), 1, "{name}");
         }
-        for state in STATES {
-            let shown =
-                Shown { state, has_model: true, is_waiting: false, is_checked: false, held: Held::Zero };
-            assert_eq!(
-                Display::of(shown).words(),
-                AxisState::display_of(state.name()),
-                "the words of events"
-            );
+        for state in STATES.into_iter().filter(|state| *state != AxisState::Zeroed) {
+            let shown = Display::of(state, Intent::Follow, Held::Zero);
+            assert_eq!(shown.words(), AxisState::display_of(state.name()), "the words of events");
         }
     }
 }

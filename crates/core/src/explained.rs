@@ -1,36 +1,50 @@
-//! Cause and hint of a fault, as people and programs get them.
+//! Cause and hint of a fault, as people and programs get them, and whether the cause is another one than before.
 
+use std::borrow::Cow;
 use std::fmt;
 
-use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 
-/// Cause of a fault, with a hint if the cause itself does not say what to do. `Display` prints both in one sentence. Serialised fields:
-/// `fault` (that sentence), `cause`, `hint`.
+/// Cause of a fault, with a hint if something is to be done about it. `Display` and the serialised form are both in one sentence.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Explained {
     /// Cause, without what to do.
     pub cause: String,
     /// Remedy for the cause.
-    pub hint: Option<&'static str>,
+    pub hint: Option<Cow<'static, str>>,
+}
+
+impl Explained {
+    /// Builds a cause with its hint.
+    pub fn new(cause: impl Into<String>, hint: impl Into<Cow<'static, str>>) -> Explained {
+        Explained { cause: cause.into(), hint: Some(hint.into()) }
+    }
+
+    /// Adds this hint if there is none.
+    #[must_use]
+    pub fn or_hint(self, hint: impl Into<Cow<'static, str>>) -> Explained {
+        Explained { hint: self.hint.or_else(|| Some(hint.into())), ..self }
+    }
+
+    /// Puts the cause into a longer sentence and keeps the hint.
+    #[must_use]
+    pub fn within(self, sentence: impl FnOnce(&str) -> String) -> Explained {
+        Explained { cause: sentence(&self.cause), ..self }
+    }
 }
 
 impl fmt::Display for Explained {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.cause)?;
-        self.hint.map_or(Ok(()), |hint| write!(f, ": {hint}"))
+        let Some(hint) = &self.hint else { return Ok(()) };
+        let mark = if hint.contains('?') { ':' } else { ';' };
+        write!(f, "{mark} {hint}")
     }
 }
 
 impl Serialize for Explained {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut fields = serializer.serialize_map(None)?;
-        fields.serialize_entry("fault", &self.to_string())?;
-        fields.serialize_entry("cause", &self.cause)?;
-        if let Some(hint) = self.hint {
-            fields.serialize_entry("hint", hint)?;
-        }
-        fields.end()
+        serializer.collect_str(self)
     }
 }
 
@@ -40,18 +54,75 @@ impl<T: Into<String>> From<T> for Explained {
     }
 }
 
+/// Reported cause of a fault. Each lasting change of the cause is reported once.
+#[derive(Clone, Debug)]
+pub struct Cause<T> {
+    reported: T,
+    /// Another cause that was found since, and how often in a row.
+    other: Option<(T, u32)>,
+}
+
+impl<T: PartialEq> Cause<T> {
+    /// Begins with the cause that is reported now.
+    pub fn new(reported: T) -> Cause<T> {
+        Cause { reported, other: None }
+    }
+
+    /// Notes the present cause. Returns whether to report it: a cause other than the reported one, found `often` in a row. Causes
+    /// that alternate are no news.
+    pub fn is_now(&mut self, cause: T, often: u32) -> bool {
+        if self.reported == cause {
+            self.other = None;
+            return false;
+        }
+        let found = self.other.take().filter(|(other, _)| *other == cause).map_or(1, |(_, found)| found + 1);
+        if found < often {
+            self.other = Some((cause, found));
+            return false;
+        }
+        *self = Cause::new(cause);
+        true
+    }
+
+    /// Notes the present cause of a fault that may be new. Returns whether to report it: the first cause, or a change that
+    /// lasts.
+    pub fn is_news(known: &mut Option<Cause<T>>, cause: T, often: u32) -> bool {
+        match known {
+            Some(known) => known.is_now(cause, often),
+            None => {
+                *known = Some(Cause::new(cause));
+                true
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn text_is_one_sentence_and_programs_get_both_parts() {
-        let refused =
-            Explained { cause: "nothing listens there".to_owned(), hint: Some("is the port right?") };
+    fn another_cause_is_news_once_it_was_found_twice_in_a_row() {
+        let mut cause = None;
+        let found = ["refused", "timeout", "refused", "timeout", "certificate", "certificate", "certificate"];
+        assert_eq!(
+            found.map(|found| Cause::is_news(&mut cause, found, 2)),
+            [true, false, false, false, false, true, false]
+        );
+    }
+
+    #[test]
+    fn cause_and_hint_are_one_sentence_for_people() {
+        let refused = Explained::new("nothing listens there", "is the port right?");
         assert_eq!(refused.to_string(), "nothing listens there: is the port right?");
-        let expected = r#"{"fault":"nothing listens there: is the port right?","cause":"nothing listens there","hint":"is the port right?"}"#;
-        assert_eq!(serde_json::to_string(&refused).unwrap(), expected);
-        let bare = Explained::from("broken");
-        assert_eq!(serde_json::to_string(&bare).unwrap(), r#"{"fault":"broken","cause":"broken"}"#);
+        assert_eq!(
+            serde_json::to_string(&refused).unwrap(),
+            r#""nothing listens there: is the port right?""#
+        );
+        assert_eq!(serde_json::to_string(&Explained::from("broken")).unwrap(), r#""broken""#);
+        assert_eq!(refused.clone().or_hint("no"), refused);
+        let within =
+            Explained::from("broken").or_hint("mend it").within(|cause| format!("bus cell: {cause}"));
+        assert_eq!(within.to_string(), "bus cell: broken; mend it");
     }
 }

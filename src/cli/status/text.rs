@@ -79,9 +79,11 @@ fn alarm(alarm: &Value) -> String {
 fn axis_lines(name: &str, axis: &Value, dry_run: bool) -> String {
     let mut text = format!("\naxis {}: {}\n", labelled(name, word(&axis["label"])), word(&axis["display"]));
     // Writing to a string never fails.
-    let why = word(&axis["why"]);
-    if !why.is_empty() {
-        let _ = writeln!(text, "  {why}");
+    for key in ["cause", "hint"] {
+        let said = word(&axis[key]);
+        if !said.is_empty() {
+            let _ = writeln!(text, "  {said}");
+        }
     }
     if let waiting @ Value::Object(_) = &axis["waiting"] {
         let _ = writeln!(
@@ -105,7 +107,7 @@ fn axis_lines(name: &str, axis: &Value, dry_run: bool) -> String {
         false => "",
     };
     let limit = axis["limit_um"].as_f64().unwrap_or_default();
-    let _ = writeln!(text, "  Cz {held}{unknown}; {} wanted, of ±{limit} µm", micron(&axis["cz_um"]));
+    let _ = writeln!(text, "  Cz {held}{unknown}; target {} of ±{limit} µm", micron(&axis["cz_um"]));
     if let Some(model) = axis["model"].as_str() {
         let acted: Vec<&str> =
             axis["acted"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();

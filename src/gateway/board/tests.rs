@@ -130,7 +130,46 @@ fn a_change_is_reported_once_each_way_with_its_reason() {
     }
     board.store(BED, Ok(20.5), at(3));
     board.look(at(3));
-    assert_eq!(board.changes(at(3)), [Change::Back(BED, Reason::Sentinel, at(1))]);
+    assert_eq!(board.changes(at(3)), [Change::Back(BED, at(1))]);
     board.look(at(4));
     assert_eq!(board.changes(at(4)), []);
+}
+
+/// A reason that is found twice in a row is reported; one that comes and goes is not.
+#[test]
+fn another_reason_is_reported_once_it_lasts_and_the_end_comes_with_the_first_begin() {
+    let profile = profile();
+    let mut board = board(&profile);
+    let mut look = |second: u64, found: Result<f64, Reason>| {
+        board.store(BED, found, at(second));
+        board.store(OPEN, Ok(0.0), at(second));
+        board.look(at(second));
+        board.changes(at(second))
+    };
+    assert_eq!(look(1, Err(Reason::OpenCircuit)), [Change::Lost(BED, Reason::OpenCircuit)]);
+    assert_eq!(look(2, Err(Reason::LinkDown)), []);
+    assert_eq!(look(3, Err(Reason::OpenCircuit)), []);
+    assert_eq!(look(4, Err(Reason::LinkDown)), []);
+    assert_eq!(look(5, Err(Reason::LinkDown)), [Change::Lost(BED, Reason::LinkDown)]);
+    assert_eq!(look(6, Err(Reason::LinkDown)), []);
+    assert_eq!(look(7, Ok(20.5)), [Change::Back(BED, at(1))]);
+}
+
+/// A device or a line that does not answer is reported itself. What is bad after it came back is not.
+#[test]
+fn a_reason_after_a_silent_device_is_reported_and_so_is_its_end() {
+    let profile = profile();
+    let mut board = board(&profile);
+    let mut look = |second: u64, found: Result<f64, Reason>| {
+        board.store(BED, found, at(second));
+        board.store(OPEN, Ok(0.0), at(second));
+        board.look(at(second));
+        board.changes(at(second))
+    };
+    assert_eq!(look(1, Err(Reason::Timeout)), []);
+    assert_eq!(look(2, Ok(20.0)), []);
+    assert_eq!(look(3, Err(Reason::Timeout)), []);
+    assert_eq!(look(4, Err(Reason::OpenCircuit)), []);
+    assert_eq!(look(5, Err(Reason::OpenCircuit)), [Change::Lost(BED, Reason::OpenCircuit)]);
+    assert_eq!(look(6, Ok(20.0)), [Change::Back(BED, at(3))]);
 }

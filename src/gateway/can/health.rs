@@ -4,6 +4,7 @@
 use std::time::Duration;
 
 use crate::fieldbus::can::{Gravity, Trouble};
+use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 
 /// Quiet for this long is over.
@@ -34,7 +35,7 @@ struct Meter {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Change {
     /// It begins, or has become worse.
-    Worse { what: String, is_off: bool },
+    Worse { what: Explained, is_off: bool },
     /// It is over: so many of what, in this time.
     Over { count: u64, what: &'static str, within: Duration },
 }
@@ -74,7 +75,7 @@ impl Health {
         Episode::add(&mut self.errors, 1, now);
         let is_worse =
             self.worst.replace(self.worst.map_or(gravity, |worst| worst.max(gravity))) < Some(gravity);
-        let worse = || Change::Worse { what: trouble.to_string(), is_off: gravity == Gravity::BusOff };
+        let worse = || Change::Worse { what: trouble.to_string().into(), is_off: gravity == Gravity::BusOff };
         is_worse.then(worse).into_iter().collect()
     }
 
@@ -82,13 +83,18 @@ impl Health {
     pub(super) fn tick(&mut self, full: u64, lost: u64, now: Moment) -> Vec<Change> {
         let mut changes = Vec::new();
         if self.full.read(full, now) {
-            let what = "the interface's queue is full: nobody acknowledges, the bus is overloaded, or its txqueuelen is \
-                        too small; frames wait";
-            changes.push(Change::Worse { what: what.to_owned(), is_off: false });
+            let what = Explained::new(
+                "the interface's queue is full; frames wait",
+                "does anybody on the bus acknowledge, is the bus overloaded? Else its txqueuelen is too small",
+            );
+            changes.push(Change::Worse { what, is_off: false });
         }
         if self.lost.read(lost, now) {
-            let what = "frames are lost: this computer does not take them fast enough";
-            changes.push(Change::Worse { what: what.to_owned(), is_off: false });
+            let what = Explained::new(
+                "frames are lost: this computer does not take them fast enough",
+                "what else keeps it busy? Let the nodes send less often",
+            );
+            changes.push(Change::Worse { what, is_off: false });
         }
         let over = Episode::end(&mut self.errors, "error frames", now);
         if over.is_some() {

@@ -12,11 +12,13 @@ use crate::clock::{Inlet, Looks, Sleeper};
 use crate::fieldbus::can::{Heard, Interface, Link, Socket};
 use crate::fieldbus::canopen::master::NodeEvent;
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
+use crate::fieldbus::explain::explain_on;
 use crate::fieldbus::trace::Tap;
 use crate::gateway::core::Core;
 use crate::gateway::line_handle::LineHandle;
 use crate::observe::events::Event;
 use isotherm_core::codec::Frame;
+use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
 use isotherm_profile::duration_text;
@@ -261,7 +263,7 @@ impl CanListener {
         contact.link_is_down(self.bus, attempts, fault, events);
         for device in self.nodes.devices() {
             let lost = contact.devices[device.0].lost.get_or_insert_default();
-            lost.fault = fault.to_string().into();
+            lost.fault = explain_on(self.shared.profile.bus(self.bus).transport, fault);
             lost.answers_since = None;
         }
         for signal in self.routes.signals() {
@@ -276,9 +278,9 @@ impl CanListener {
             self.shared.report(&match change {
                 Change::Worse { mut what, is_off } => {
                     if is_off && Interface::look(&address).is_ok_and(|found| found.stays_off()) {
-                        what += &format!(
-                            "; it stays off: `ip link set {address} type can restart-ms 100` lets it come back"
-                        );
+                        let hint =
+                            format!("`ip link set {address} type can restart-ms 100` lets it come back");
+                        what = Explained::new(format!("{}; it stays off", what.cause), hint);
                     }
                     Event::BusTrouble { bus, address, what }
                 }
@@ -309,7 +311,7 @@ impl CanListener {
                     let own = self.shared.profile.device(device);
                     let means = own.can.as_ref().map_or(String::new(), |can| can.emergency(emergency.code));
                     let (device, what) = (own.name.clone(), format!("{means} ({emergency})"));
-                    self.shared.report(&Event::Emergency { device, what });
+                    self.shared.report(&Event::Emergency { device, what: what.into() });
                 }
                 Reaction::EmergencyOver(device, count) => {
                     let device = self.shared.profile.device(device).name.clone();
@@ -344,7 +346,9 @@ impl CanListener {
         self.condemn(device, Reason::Timeout);
         let mut core = self.shared.core();
         let Core { contact, commissioning, events, .. } = &mut *core;
-        contact.is_silent(device, what, events);
+        let hint =
+            "is it powered, is its cable plugged in, are its node number and bitrate those of the profile?";
+        contact.is_silent(device, Explained::new(what, hint), events);
         commissioning.forget(device);
     }
 

@@ -1,11 +1,14 @@
 //! Failed requests of a register, and which of them are reported.
 
 use crate::fieldbus::error::Fault;
+use isotherm_core::explained::Cause;
 use isotherm_core::output::{Fact, Input};
 use isotherm_profile::counted;
 
 /// This many writes in a row that a device did not answer are reported, if it answers reads.
 const DEAF: u64 = 3;
+/// Requests that fail in a row for another reason before that is reported.
+const CHANGED_AFTER: u32 = 20;
 
 /// Kind of request that a device was sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,6 +22,7 @@ pub(super) enum Access {
 pub(super) struct Failures {
     /// The kind of request that failed and was reported, until one succeeds.
     reported: Option<Access>,
+    cause: Option<Cause<Fault>>,
     /// Writes that failed since the last one that was answered.
     failed_writes: u64,
     /// The last request that was a read was answered.
@@ -36,7 +40,11 @@ impl Failures {
         self.failed_writes += u64::from(access == Access::Write);
         // A device that answers reads is not lost, and its writes are reported nowhere else.
         let is_deaf = access == Access::Write && self.failed_writes >= DEAF && self.is_read;
-        let is_new = (!fault.spoils_connection() || is_deaf) && self.reported.replace(access).is_none();
+        let is_reported = !fault.spoils_connection() || is_deaf;
+        if is_reported && self.reported.replace(access).is_none() {
+            self.cause = None;
+        }
+        let is_new = is_reported && Cause::is_news(&mut self.cause, fault, CHANGED_AFTER);
         is_new.then(|| match is_deaf {
             true => format!("{}, {} in a row", in_words(), counted(self.failed_writes, "time")),
             false => in_words(),

@@ -18,6 +18,7 @@ use crate::gateway::units::Units;
 use crate::observe::asker::Way;
 use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
+use isotherm_core::explained::Explained;
 use isotherm_core::output::{
     self, Action, AppliedSettings, Cause, Controller, Copies, Demand, Demanded, Fact, Input, NotSent, Rules,
     SetCommit, Settings, State, Trouble, Verify,
@@ -148,7 +149,7 @@ impl Register {
             match *event {
                 output::Event::CncRestarted { .. } => has_restarted = true,
                 output::Event::ForeignValue { expected, found } => {
-                    shared.core().disarm(output.axis, &report::why_foreign(self, output, expected, found));
+                    shared.core().disarm(output.axis, report::why_foreign(self, output, expected, found));
                 }
                 output::Event::Late { not_after } => shared.order_lapsed(self.id, not_after),
                 output::Event::Written => shared.core().outputs[self.id.0].writes += 1,
@@ -157,7 +158,9 @@ impl Register {
                 output::Event::NotApplied => report::not_applied(self, shared, output),
                 output::Event::Question if !shared.dry_run => {
                     shared.report(&report::question(self, &output.name));
-                    shared.core().disarm(output.axis, "what of its register is ours is in question");
+                    let hint = "do what the alarm of its output says, then arm it";
+                    let why = Explained::new("what of its register is ours is in question", hint);
+                    shared.core().disarm(output.axis, why);
                 }
                 output::Event::TakeOver { cause } => resumes = Some(cause),
                 _ => {}
@@ -376,7 +379,10 @@ impl Register {
             return Some(Input::OnDisk);
         }
         if kept == Kept::NotYet && self.controller.trouble() != Some(Trouble::Disk) {
-            let why = format!("the disk has not answered for {} s", DISK_PATIENCE.as_secs());
+            let why = Explained::new(
+                format!("the disk has not answered for {} s", DISK_PATIENCE.as_secs()),
+                "is it full, slow or broken?",
+            );
             shared.report(&Event::NotKept { what: "the ledger".to_owned(), why });
         }
         Some(Input::Fact(Fact::NotKept))

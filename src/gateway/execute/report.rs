@@ -7,6 +7,7 @@ use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::{OutputState, Standing};
 use crate::observe::events::Event;
 use isotherm_core::codec::Inadmissible;
+use isotherm_core::explained::Explained;
 use isotherm_core::output::{self, Account, OutputHealth, State};
 use isotherm_core::quantity::{Counts, Micron};
 use isotherm_profile::{Output, OutputId};
@@ -72,16 +73,28 @@ pub(super) fn event(
 }
 
 /// Why the axis is off where somebody else wrote this.
-pub(super) fn why_foreign(register: &Register, output: &Output, expected: Counts, found: Counts) -> String {
+pub(super) fn why_foreign(
+    register: &Register,
+    output: &Output,
+    expected: Counts,
+    found: Counts,
+) -> Explained {
     let settings = &register.settings;
     let (name, at, holds) = (&output.name, &output.address, register.units.in_text(found));
     if found.abs_diff(settings.bias) > settings.limit.unsigned_abs() {
-        format!("the register of output {name} ({at}) holds {holds}, beyond its limit")
+        Explained::new(
+            format!("the register of output {name} ({at}) holds {holds}, beyond its limit"),
+            "put it right at the control, then arm the axis",
+        )
     } else {
         let is_like_ours = found.abs_diff(expected) <= settings.step.unsigned_abs();
-        let perhaps =
-            if is_like_ours { "; it is a step like ours: does a second gateway write to it?" } else { "" };
-        format!("somebody else wrote {holds} to the register of output {name} ({at}){perhaps}")
+        let hint = match is_like_ours {
+            true => {
+                "it is a step like ours: does a second gateway write to it? Put the value right at the control, then arm the axis"
+            }
+            false => "put it right at the control, then arm the axis",
+        };
+        Explained::new(format!("somebody else wrote {holds} to the register of output {name} ({at})"), hint)
     }
 }
 
@@ -90,11 +103,14 @@ pub(super) fn not_sent(shared: &LineHandle, id: OutputId, why: Inadmissible) {
     let output = shared.profile.output(id);
     let axis = &shared.profile.axis(output.axis).settings.name;
     let (name, at) = (&output.name, &output.address);
-    let why = format!(
-        "nothing is sent to output {name} ({at}): {why}; compare scale, bias and type of the output, and limit and diameter of axis \
-         {axis}, with the control and with the profile"
+    let why = Explained::new(
+        format!("nothing is sent to output {name} ({at}): {why}"),
+        format!(
+            "compare scale, bias and type of the output, and limit and diameter of axis {axis}, with the control and with the \
+             profile"
+        ),
     );
-    shared.core().disarm(output.axis, &why);
+    shared.core().disarm(output.axis, why);
 }
 
 /// Reports that the control does not apply the register value in its time.
@@ -126,9 +142,9 @@ pub(super) fn question(register: &Register, output: &str) -> Event {
         false => format!(" (perhaps {})", others.join(" or ")),
     };
     let share = share_in_text(register, share);
-    let why = format!(
-        "{doubt}; it holds {holds}, of which {share}{perhaps} are taken to be ours: make it your own value plus \
-         {share}, then arm the axis"
+    let why = Explained::new(
+        format!("{doubt}; it holds {holds}, of which {share}{perhaps} are taken to be ours"),
+        format!("make it your own value plus {share}, then arm the axis"),
     );
     Event::LedgerDoubt { output, why }
 }

@@ -13,7 +13,7 @@ use tokio::sync::watch;
 use super::WHAT;
 use super::file::{Entries, Entry, LedgerFile};
 use crate::clock::{Clock, Patience};
-use crate::fieldbus::explain::system;
+use crate::fieldbus::explain::explain_system;
 use crate::observe::events::{Event, Journal};
 
 /// The consequence of a ledger that is not on disk.
@@ -174,7 +174,7 @@ impl Saving {
                 self.journal.report(self.clock.now(), &Event::KeptAgain { what: what() });
             }
             Err(error) if !std::mem::replace(&mut self.is_failing, true) => {
-                let why = format!("{}; {OTHERWISE}", system(error));
+                let why = explain_system(error).within(|cause| format!("{cause}; {OTHERWISE}"));
                 self.journal.report(self.clock.now(), &Event::NotKept { what: what(), why });
             }
             _ => {}

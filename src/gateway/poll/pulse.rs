@@ -8,9 +8,12 @@ use crate::fieldbus::wire::Request;
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::storage::Steady;
 use crate::observe::events::Event;
+use isotherm_core::explained::Cause;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, Heartbeat, Profile};
 
+/// Beats in a row that fail for another reason before that is reported.
+const CHANGED_AFTER: u32 = 20;
 /// So many beats in a row that nobody has answered are reported, where the device answers all else.
 const DEAF: u32 = 3;
 
@@ -20,8 +23,8 @@ pub(super) struct Pulse {
     count: u16,
     /// Beats in a row that were not written.
     missed: u32,
-    /// That has been reported, and its end has not.
-    is_reported: bool,
+    /// What has been reported of that, and its end has not.
+    reported: Option<Cause<Fault>>,
 }
 
 impl Pulse {
@@ -29,7 +32,7 @@ impl Pulse {
     pub(super) fn of(profile: &Profile, bus: BusId, start: Moment) -> Option<Pulse> {
         let heartbeat = profile.heartbeat.as_ref();
         let heartbeat = heartbeat.filter(|heartbeat| profile.device(heartbeat.device).bus == bus)?.clone();
-        Some(Pulse { heartbeat, due: start, count: 0, missed: 0, is_reported: false })
+        Some(Pulse { heartbeat, due: start, count: 0, missed: 0, reported: None })
     }
 
     pub(super) async fn beat(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) {
@@ -60,7 +63,7 @@ impl Pulse {
         let Some(fault) = sent.filter(|fault| !fault.has_lapsed()) else {
             if sent.is_none() {
                 self.missed = 0;
-                if std::mem::take(&mut self.is_reported) {
+                if self.reported.take().is_some() {
                     let (device, place) = self.names(shared);
                     shared.report(&Event::HeartbeatWritten { device, place });
                 }
@@ -70,7 +73,7 @@ impl Pulse {
         self.missed += 1;
         let device = self.heartbeat.device;
         let is_deaf = self.missed >= DEAF && shared.core().contact.devices[device.0].is_here();
-        if (fault.is_refusal() || is_deaf) && !std::mem::replace(&mut self.is_reported, true) {
+        if (fault.is_refusal() || is_deaf) && Cause::is_news(&mut self.reported, fault, CHANGED_AFTER) {
             let transport = shared.profile.bus(shared.profile.device(device).bus).transport;
             let (device, place) = self.names(shared);
             let fault = explain_on(transport, fault);

@@ -17,7 +17,7 @@ use super::events::EventsFile;
 use super::keeping::{Keep, breaks, day, logs, superfluous};
 use super::outputs::Tears;
 use super::stamps::Stamped;
-use crate::fieldbus::explain::system;
+use crate::fieldbus::explain::explain_system;
 use crate::gateway::disk::{append, make_directory};
 use crate::gateway::log::outputs::{ENDING, HEADER};
 use crate::gateway::sealed::SealedFile;
@@ -257,7 +257,8 @@ impl StorageThread {
             }
             Err(error) => {
                 if self.failing.insert(what, ()).is_none() {
-                    let why = format!("{}: {}", self.directory.display(), system(&error));
+                    let directory = self.directory.display();
+                    let why = explain_system(&error).within(|cause| format!("{directory}: {cause}"));
                     self.journal.report(at, &Event::NotKept { what: what.to_owned(), why });
                 }
             }

@@ -179,7 +179,7 @@ mod tests {
     }
 
     fn state(to: &'static str, stopping: bool) -> Event {
-        Event::AxisState { axis: "z".into(), from: "active", to, why: String::new(), stopping }
+        Event::AxisState { axis: "z".into(), from: "active", to, why: Explained::default(), stopping }
     }
 
     #[test]
@@ -213,20 +213,21 @@ mod tests {
     #[test]
     fn an_alarm_shows_the_present_cause_and_since_when_something_is_wrong() {
         let mut alarms = Alarms::default();
-        let down = |hint, cause: &str| Event::LinkDown {
+        let down = |hint: &'static str, cause: &str| Event::LinkDown {
             bus: "cell".into(),
             address: "10.0.0.7:802".into(),
-            fault: Explained { cause: cause.into(), hint },
+            fault: Explained::new(cause, hint),
         };
         let (begun, later) = (Moment::default(), Moment::from_nanos(60_000_000_000));
-        let refused = down(Some("is the port right?"), "nothing listens there");
+        let refused = down("is the port right?", "nothing listens there");
         alarms.note(&refused, &refused.entry(begun));
         alarms.acknowledge(None, &seen("a"));
-        let untrusted = down(None, "its certificate is not trusted");
+        let untrusted = down("put it into `tls.ca`", "its certificate is not trusted");
         alarms.note(&untrusted, &untrusted.entry(later));
         let [alarm] = &alarms.all()[..] else { panic!("{alarms:?}") };
         assert_eq!(alarm.cause.as_deref(), Some("its certificate is not trusted"));
-        assert_eq!((alarm.hint.as_deref(), &alarm.acknowledged), (None, &None), "nobody has seen this cause");
+        let hint = Some("put it into `tls.ca`");
+        assert_eq!((alarm.hint.as_deref(), &alarm.acknowledged), (hint, &None), "nobody has seen this cause");
         assert_eq!(alarm.since, refused.entry(begun).at);
         let data = refused.entry(begun).data;
         assert_eq!(data["fault"], "nothing listens there: is the port right?");

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::{Described, info, warning};
+use isotherm_core::explained::Explained;
 use isotherm_profile::counted;
 
 /// Whether it arrives.
@@ -44,8 +45,11 @@ impl Broker {
         match self {
             Broker::Down { broker, why } => warning(
                 "broker-down",
-                format!(
-                    "nothing is published to {broker}: {why}; it is tried again, and the machine is held without it"
+                format!("nothing is published to {broker}"),
+                Explained::new(
+                    why.as_str(),
+                    "does the broker run, are its address, user and certificate those of `[mqtt]`? The gateway tries again, and \
+                     the machine is compensated without it",
                 ),
             ),
             Broker::Up { broker, attempts } => info(
@@ -54,14 +58,20 @@ impl Broker {
             ),
             Broker::Dropped { broker, count } => warning(
                 "broker-dropped",
-                format!(
-                    "{} to {broker} found no room and will not arrive; `isotherm events` has what happened",
-                    counted(count, "message")
+                String::new(),
+                Explained::new(
+                    format!("{} to {broker} found no room and will not arrive", counted(count, "message")),
+                    "`isotherm events` has what happened",
                 ),
             ),
-            Broker::NotKept { broker, why } => {
-                warning("broker-not-kept", format!("what {broker} misses is not kept for it: {why}"))
-            }
+            Broker::NotKept { broker, why } => warning(
+                "broker-not-kept",
+                format!("what {broker} misses is not kept for it"),
+                Explained::new(
+                    why.as_str(),
+                    "make room in the state directory, and let the gateway write there",
+                ),
+            ),
         }
     }
 }

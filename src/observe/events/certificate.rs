@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use super::data::in_text;
 use super::{Described, error, warning};
+use isotherm_core::explained::Explained;
 
 /// A certificate that is soon of no use, or is already.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -38,7 +39,11 @@ impl Expiry {
     /// What is wrong, and what to do.
     #[must_use]
     pub fn sentence(&self) -> String {
-        let Expiry { bus, file, whose, until, is_over } = self;
+        self.described().text()
+    }
+
+    fn explained(&self) -> Explained {
+        let Expiry { bus: _, file, whose, until, is_over } = self;
         let until = until.to_string();
         let (day, time) = until.split_once('T').unwrap_or((&until, ""));
         let time: String = time.chars().take(5).collect();
@@ -46,7 +51,7 @@ impl Expiry {
         let (owner, remedy) = match whose {
             Whose::Gateway => (
                 "gateway",
-                "move it and its key away, make both anew (`isotherm opcua certificate PROFILE`), and trust it at the server",
+                "move it and its key away, make both again (`isotherm opcua certificate PROFILE`), and trust it at the server",
             ),
             Whose::User => ("user", "make a new one, and give it this user's rights at the server"),
             Whose::Server => (
@@ -55,16 +60,16 @@ impl Expiry {
                  this one away",
             ),
         };
-        format!(
-            "bus {bus}: the {owner}'s certificate {file} {expires} on {day} at {time} UTC: {remedy}; a gateway that runs takes it \
-             up by `isotherm restart PROFILE --keep`"
+        Explained::new(
+            format!("the {owner}'s certificate {file} {expires} on {day} at {time} UTC"),
+            format!("{remedy}; a gateway that runs takes it up by `isotherm restart PROFILE --keep`"),
         )
     }
 
     pub(super) fn described(&self) -> Described {
         match self.is_over {
-            true => error("certificate-expired", self.sentence()),
-            false => warning("certificate-expires", self.sentence()),
+            true => error("certificate-expired", format!("bus {}", self.bus), self.explained()),
+            false => warning("certificate-expires", format!("bus {}", self.bus), self.explained()),
         }
     }
 

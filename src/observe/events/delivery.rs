@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::{Described, info, warning};
+use isotherm_core::explained::Explained;
 use isotherm_profile::counted;
 
 /// Whether messages arrive.
@@ -43,9 +44,11 @@ impl Delivery {
         match self {
             Delivery::Failed { notify, to, why } => warning(
                 "notify-failed",
-                format!(
-                    "{notify}: a message to {to} has not arrived: {why}; it is tried again a few times, and the machine is held \
-                     without it"
+                format!("{notify}: a message to {to} has not arrived"),
+                Explained::new(
+                    why.as_str(),
+                    "does the server run, are `url` and token right? The gateway tries a few times more, and the machine is \
+                     compensated without it",
                 ),
             ),
             Delivery::Back { notify, to, attempts } => info(
@@ -57,9 +60,10 @@ impl Delivery {
             ),
             Delivery::Dropped { notify, to, count } => warning(
                 "notify-dropped",
-                format!(
-                    "{notify}: dropped {} to {to}, which will not arrive; `isotherm events` has what happened",
-                    counted(count, "message")
+                notify.as_str(),
+                Explained::new(
+                    format!("dropped {} to {to}, which will not arrive", counted(count, "message")),
+                    "`isotherm events` has what happened",
                 ),
             ),
         }

@@ -45,6 +45,23 @@ impl HandshakeFault {
         }
     }
 
+    /// What to do about it.
+    pub const fn hint(self) -> &'static str {
+        match self {
+            HandshakeFault::AcknowledgeEarly | HandshakeFault::AcknowledgeStuck => {
+                "does the control's program drop the acknowledge when the strobe drops?"
+            }
+            HandshakeFault::AcknowledgeMissing => {
+                "does the control's program run, does it look at this strobe? Else `timeout` of the handshake is too short"
+            }
+            HandshakeFault::StrobeNotWritten
+            | HandshakeFault::StrobeNotDropped
+            | HandshakeFault::AcknowledgeNotRead => {
+                "is the control on, may the gateway read and write this address?"
+            }
+        }
+    }
+
     /// It is one of the strobe, not of the acknowledge.
     pub const fn is_of_the_strobe(self) -> bool {
         matches!(self, HandshakeFault::StrobeNotWritten | HandshakeFault::StrobeNotDropped)

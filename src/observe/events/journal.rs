@@ -231,7 +231,10 @@ mod tests {
         (0..10).for_each(|_| journal.kept());
         report(&journal, many + 1);
         let left = texts(&journal);
-        assert_eq!(left[left.len() - 2], "the disk did not keep 6 events in time: what is kept has a gap");
+        assert_eq!(
+            left[left.len() - 2],
+            "the disk did not keep 6 events in time: what is kept has a gap: is the disk full, slow or broken?"
+        );
         assert_eq!(left[left.len() - 1], format!("number {} is kept again", many + 1));
     }
 

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::{Described, error, info, warning};
+use isotherm_core::explained::Explained;
 
 /// The page is not served although the profile says so, or is at last.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -27,9 +28,11 @@ impl PagePort {
         match self {
             PagePort::Closed { listen, why } => warning(
                 "page-closed",
-                format!(
-                    "the page cannot listen on {listen} (another address: --listen): {why}; the machine is held without it, \
-                     and it is tried again every ten seconds"
+                format!("the page cannot listen on {listen} (another address: --listen)"),
+                Explained::new(
+                    why.as_str(),
+                    "free the address or name another one; the machine is compensated without the page, and the gateway tries \
+                     again every ten seconds",
                 ),
             ),
             PagePort::Open { listen } => info("page-open", format!("the page listens on {listen}")),
@@ -62,9 +65,14 @@ impl PageToken {
                 "token-changed",
                 format!("the {role}'s token is another one now; who signed in with the old one is gone"),
             ),
-            PageToken::Gone { role, why } => {
-                error("token-gone", format!("the {role}'s token is none any more: {why}"))
-            }
+            PageToken::Gone { role, why } => error(
+                "token-gone",
+                format!("the {role}'s token is none any more"),
+                Explained::new(
+                    why.as_str(),
+                    "`isotherm token --out FILE` makes one that only its owner can read",
+                ),
+            ),
         }
     }
 }

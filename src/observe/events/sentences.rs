@@ -2,11 +2,19 @@
 
 use std::time::Duration;
 
-use super::{Described, Event, Level, error, info, warning};
+use super::{Described, Event, error, info, warning};
 use crate::clock::Correction;
 use crate::observe::status::Moved;
 use isotherm_core::compensation::AxisState;
+use isotherm_core::explained::Explained;
 use isotherm_profile::{counted, duration_text};
+
+/// Hint for what does not answer, if the fault itself has none.
+const DOES_NOT_ANSWER: &str =
+    "is it powered, is its cable plugged in? `isotherm check --online` asks it again";
+/// Hint for answers that get lost.
+const LOSES_ANSWERS: &str =
+    "if that is frequent, answers get lost: cable, converter, or a device that is too busy";
 
 fn seconds(span: &Duration) -> String {
     duration_text(Duration::from_secs(span.as_secs()))
@@ -34,14 +42,14 @@ impl Event {
             }
             Event::Stopped { left } => info("stopped", format!("stopped; {left}")),
             Event::LinkDown { bus, address, fault } => {
-                warning("link-down", format!("bus {bus} ({address}): {fault}"))
+                warning("link-down", format!("bus {bus} ({address})"), fault.clone().or_hint(DOES_NOT_ANSWER))
             }
             Event::LinkUp { bus, address, attempts } => info(
                 "link-up",
                 format!("bus {bus} ({address}): connected after {}", counted(attempts, "attempt")),
             ),
             Event::DeviceLost { device, at, fault } => {
-                warning("device-lost", format!("device {device}{at}: {fault}"))
+                warning("device-lost", format!("device {device}{at}"), fault.clone().or_hint(DOES_NOT_ANSWER))
             }
             Event::DeviceBack { device, at, missed } => info(
                 "device-back",
@@ -51,45 +59,65 @@ impl Event {
                 ),
             ),
             Event::NotAsExpected { device, found } => {
-                error("not-as-expected", format!("device {device}: {found}"))
+                let hint = "set it so at the device, or correct the profile; no axis that needs the device is armed before";
+                error("not-as-expected", format!("device {device}"), found.clone().or_hint(hint))
             }
             Event::AsExpected { device } => {
                 info("as-expected", format!("device {device}: set as the profile expects it"))
             }
             Event::SignalBad { signal, reason } => {
-                warning("signal-bad", format!("signal {signal}: {reason}"))
+                let hint = "look at the sensor, its cable and its channel";
+                warning("signal-bad", format!("signal {signal}"), reason.clone().or_hint(hint))
             }
             Event::SignalGood { signal, bad_for } => {
                 info("signal-good", format!("signal {signal}: good again after {}", seconds(bad_for)))
             }
             Event::Rereferenced { signal, unit, from, to } => warning(
                 "rereferenced",
-                format!(
-                    "signal {signal}: re-referenced, {from:.4} {unit} is {to:.4} {unit} now; a step that the axis \
-                     cannot make is no motion"
+                format!("signal {signal}"),
+                Explained::new(
+                    format!(
+                        "re-referenced, {from:.4} {unit} is {to:.4} {unit} now; a step that the axis cannot make is no motion"
+                    ),
+                    "if nobody has referenced it, look at the encoder and its supply",
                 ),
             ),
             Event::AxisState { axis, from, to, why, stopping } => {
                 let is_well = *stopping || !matches!(*to, "holding" | "ramping" | "degraded" | "zeroed");
-                let [from, to] = [from, to].map(|name| AxisState::display_of(name));
-                let why = if why.is_empty() { String::new() } else { format!(": {why}") };
-                let level = if is_well { Level::Info } else { Level::Warning };
-                ("axis-state", level, format!("axis {axis}: {from} → {to}{why}"))
+                let [was, is] = [from, to].map(|name| AxisState::display_of(name));
+                let about = if from == to { format!("still {is}") } else { format!("{was} → {is}") };
+                let about = format!("axis {axis}: {about}");
+                if is_well {
+                    let why = Some(why.cause.as_str()).filter(|cause| !cause.is_empty()).map(Explained::from);
+                    return Described { why, ..info("axis-state", about) };
+                }
+                let hint = "look at the alarms of its signals, devices and outputs";
+                let why = match why.cause.as_str() {
+                    "" => "the cause is over already".into(),
+                    _ => why.clone().or_hint(hint),
+                };
+                warning("axis-state", about, why)
             }
             Event::Command { command, way, who, answer, .. } => {
                 info("command", format!("{command}, {}: {answer}", way.by(who)))
             }
             Event::CommandRefused { command, way, who, why, .. } => {
-                warning("command-refused", format!("{command}, {}: refused: {why}", way.by(who)))
+                warning("command-refused", format!("{command}, {}: refused", way.by(who)), why.clone())
             }
             Event::CommandDropped { command, way, who, why, .. } => warning(
                 "command-dropped",
-                format!("{command}, {}: not done, and never will be: {why}", way.by(who)),
+                format!("{command}, {}: not done, and never will be", way.by(who)),
+                Explained::new(why, "give the command again"),
             ),
-            Event::WaitsToArm { axis, why } => {
-                info("waits-to-arm", format!("axis {axis}: waiting to arm: {why}"))
-            }
-            Event::ArmEnded { axis, why } => warning("arm-ended", format!("axis {axis}: not armed: {why}")),
+            Event::WaitsToArm { axis, why } => Described {
+                why: Some(why.clone()),
+                ..info("waits-to-arm", format!("axis {axis}: waiting to arm"))
+            },
+            Event::ArmEnded { axis, why } => warning(
+                "arm-ended",
+                format!("axis {axis}: not armed"),
+                why.clone().or_hint("to have it armed, arm it again"),
+            ),
             Event::Armed { axis, from, way, who } => {
                 info("armed", format!("axis {axis}: armed, starting from {from}, {}", way.by(who)))
             }
@@ -97,31 +125,57 @@ impl Event {
                 info("goes-on", format!("axis {axis}: armed as before the restart, going on from {from}"))
             }
             Event::SignChecked { axis, moved, way, who } => {
-                let text = format!("axis {axis}: {} ({})", moved.sentence(axis), way.by(who));
-                if *moved == Moved::Plus { info("sign-checked", text) } else { error("sign-checked", text) }
+                let (about, why) = (format!("axis {axis}, {}", way.by(who)), moved.explained(axis));
+                match moved {
+                    Moved::Plus => info("sign-checked", format!("{about}: {why}")),
+                    Moved::Minus | Moved::None => error("sign-checked", about, why),
+                }
             }
-            Event::SignEnded { axis, why } => {
-                warning("sign-ended", format!("axis {axis}: its sign check is over, Cz goes back: {why}"))
-            }
-            Event::Disarmed { axis, why } => warning("disarmed", format!("axis {axis}: off: {why}")),
-            Event::ArmRefused { axis, why } => {
-                error("arm-refused", format!("axis {axis}: cannot be armed: {why}"))
-            }
+            Event::SignEnded { axis, why } => warning(
+                "sign-ended",
+                format!("axis {axis}: its sign check is over, Cz goes back"),
+                why.clone().or_hint("check the sign again"),
+            ),
+            Event::Disarmed { axis, why } => warning(
+                "disarmed",
+                format!("axis {axis}: off"),
+                why.clone().or_hint("arm it when the reason is gone"),
+            ),
+            Event::ArmRefused { axis, why } => error(
+                "arm-refused",
+                format!("axis {axis}: cannot be armed"),
+                why.clone().or_hint("put that right, then arm it"),
+            ),
             Event::AtLimit { axis, wanted, limit } => warning(
                 "at-limit",
-                format!("axis {axis}: the model asks for {wanted}, held at its limit of ±{limit}"),
-            ),
-            Event::Warned { axis, cz, warn } => {
-                warning("warned", format!("axis {axis}: Cz is {cz}, beyond its warning level of ±{warn}"))
-            }
-            Event::BeyondError { axis, wanted, error: level } => error(
-                "beyond-error",
-                format!(
-                    "axis {axis}: the model asks for {wanted}, beyond its error level of ±{level}; the fault action \
-                     runs, and it stays off until it is armed"
+                format!("axis {axis}"),
+                Explained::new(
+                    format!("the model asks for {wanted}, held at its limit of ±{limit}"),
+                    format!("are its sensors and references right? If they are, raise axis.{axis}.limit"),
                 ),
             ),
-            Event::Extrapolating { axis, how } => warning("extrapolating", format!("axis {axis}: {how}")),
+            Event::Warned { axis, cz, warn } => warning(
+                "warned",
+                format!("axis {axis}"),
+                Explained::new(
+                    format!("Cz is {cz}, beyond its warning level of ±{warn}"),
+                    "measure a part, and compare the sensors of the axis with each other",
+                ),
+            ),
+            Event::BeyondError { axis, wanted, error: level } => error(
+                "beyond-error",
+                format!("axis {axis}"),
+                Explained::new(
+                    format!(
+                        "the model asks for {wanted}, beyond its error level of ±{level}; the fault action runs, and it stays \
+                         off until it is armed"
+                    ),
+                    "look for the sensor or the cause, then arm the axis",
+                ),
+            ),
+            Event::Extrapolating { axis, how } => {
+                warning("extrapolating", format!("axis {axis}"), how.clone().or_hint("measure a part"))
+            }
             Event::Interpolating { axis } => {
                 info("interpolating", format!("axis {axis}: extrapolates no more"))
             }
@@ -132,52 +186,66 @@ impl Event {
                      now"
                 ),
             ),
-            Event::ProbeRefused { axis, error: Some(error), why } => {
-                warning("probe-refused", format!("axis {axis}: probed {error}, not learned from: {why}"))
-            }
-            Event::ProbeRefused { axis, error: None, why } => {
-                warning("probe-refused", format!("axis {axis}: a probing is not learned from: {why}"))
+            Event::ProbeRefused { axis, error, why } => {
+                let probed = error.map_or("a probing is".to_owned(), |error| format!("probed {error},"));
+                let about = format!("axis {axis}: {probed} not learned from");
+                warning("probe-refused", about, why.clone().or_hint("measure again"))
             }
             Event::ProbeForgotten { axis } => {
                 info("probe-forgotten", format!("axis {axis}: what probings have taught is taken back"))
             }
             Event::ModelAges { axis, residual, warn } => warning(
                 "model-ages",
-                format!(
-                    "axis {axis}: the model was wrong by {residual}, beyond ±{warn}; where that repeats, identify it \
-                     anew"
+                format!("axis {axis}"),
+                Explained::new(
+                    format!("the model was wrong by {residual}, beyond ±{warn}"),
+                    "if that repeats, identify the model again",
                 ),
             ),
             Event::Saturated { output, wanted } => warning(
                 "saturated",
-                format!("output {output}: {wanted} does not fit the register and was cut"),
+                format!("output {output}"),
+                Explained::new(
+                    format!("{wanted} does not fit the register and was cut"),
+                    "is `scale` right? Else write to a wider register, or lower the limit of the axis",
+                ),
             ),
             Event::VerifyFailed { output, wrote, found, is_in_a_node } => {
-                let why = match is_in_a_node {
+                let hint = match is_in_a_node {
                     true => {
-                        ": the server said Good and kept the old value: does something else write it, is writing \
-                         released?"
+                        "the server said Good and kept the old value: does something else write it, is writing released?"
                     }
-                    false => "",
+                    false => {
+                        "does something else write the register, does the control take values now, are `type` and `scale` \
+                         those of the register?"
+                    }
                 };
-                error("verify-failed", format!("output {output}: wrote {wrote}, read back {found}{why}"))
+                let cause = format!("wrote {wrote}, read back {found}");
+                error("verify-failed", format!("output {output}"), Explained::new(cause, hint))
             }
             Event::NotApplied { output, stands, applies, register } => error(
                 "not-applied",
-                format!(
-                    "output {output}: {stands} stand in its register, the control applies {applies} ({register})"
+                format!("output {output}"),
+                Explained::new(
+                    format!("{stands} stand in its register, the control applies {applies} ({register})"),
+                    "is the function on in the control, is it slower than `settle`?",
                 ),
             ),
-            Event::WriteFailed { output, fault } => {
-                warning("write-failed", format!("output {output}: not written: {}", fault.cause))
-            }
+            Event::WriteFailed { output, fault } => warning(
+                "write-failed",
+                format!("output {output}: not written"),
+                fault.clone().or_hint(DOES_NOT_ANSWER),
+            ),
             Event::ReadFailed { output, fault } => warning(
                 "read-failed",
-                format!("output {output}: its register cannot be read: {}", fault.cause),
+                format!("output {output}: its register cannot be read"),
+                fault.clone().or_hint(DOES_NOT_ANSWER),
             ),
-            Event::HeartbeatFailed { device, place, fault } => {
-                warning("heartbeat-failed", format!("heartbeat ({place} of {device}): not written: {fault}"))
-            }
+            Event::HeartbeatFailed { device, place, fault } => warning(
+                "heartbeat-failed",
+                format!("heartbeat ({place} of {device}): not written"),
+                fault.clone().or_hint(DOES_NOT_ANSWER),
+            ),
             Event::HeartbeatWritten { device, place } => {
                 info("heartbeat-written", format!("heartbeat ({place} of {device}): written again"))
             }
@@ -187,25 +255,36 @@ impl Event {
             ),
             Event::ForeignChange { output, expected, found } => error(
                 "foreign-change",
-                format!("output {output}: somebody else wrote {found} where {expected} stood; left alone"),
+                format!("output {output}"),
+                Explained::new(
+                    format!("somebody else wrote {found} where {expected} stood; left alone"),
+                    "who or what changes the offset at the control? Put it right there, then arm the axis",
+                ),
             ),
             Event::OwnWriteLate { output, value, sent } => warning(
                 "own-write-late",
-                format!(
-                    "output {output}: our own write of {value} from {sent} arrived late; going on from there"
+                format!("output {output}"),
+                Explained::new(
+                    format!("our own write of {value} from {sent} arrived late; going on from there"),
+                    LOSES_ANSWERS,
                 ),
             ),
             Event::PerhapsFromBefore { output, value } => warning(
                 "perhaps-from-before",
-                format!(
-                    "output {output}: {value} appeared, perhaps our own from before the start; going on from there"
+                format!("output {output}"),
+                Explained::new(
+                    format!("{value} appeared, perhaps our own from before the start; going on from there"),
+                    "if the value is not ours, disarm the axis and put it right at the control",
                 ),
             ),
             Event::WaitsForLateWrite { output, seconds } => warning(
                 "waits-for-late-write",
-                format!(
-                    "output {output}: waiting for a late write, {seconds} s at most: until then the next step could \
-                     be more than one from it"
+                format!("output {output}"),
+                Explained::new(
+                    format!(
+                        "waiting for a late write, {seconds} s at most: until then the next step could be more than one from it"
+                    ),
+                    LOSES_ANSWERS,
                 ),
             ),
             Event::NotReadBack { output } => info(
@@ -224,43 +303,67 @@ impl Event {
             ),
             Event::FirstAccount { output, holds } => warning(
                 "first-account",
-                format!(
-                    "output {output}: its register holds {holds}, and nothing of ours is known in it: if all of that \
-                     is your own value, arm the axis; if not, make it your own value first"
+                format!("output {output}"),
+                Explained::new(
+                    format!("its register holds {holds}, and nothing of ours is known in it"),
+                    "if all of that is your own value, arm the axis; if not, make it your own value first",
                 ),
             ),
-            Event::LedgerDoubt { output, why } => error("ledger-doubt", format!("output {output}: {why}")),
+            Event::LedgerDoubt { output, why } => error(
+                "ledger-doubt",
+                format!("output {output}"),
+                why.clone().or_hint("make the register your own value, then arm the axis"),
+            ),
             Event::CncRestarted { output, expected } => warning(
                 "cnc-restarted",
-                format!("output {output}: back at zero where {expected} stood; the CNC was restarted"),
+                format!("output {output}"),
+                Explained::new(
+                    format!("back at zero where {expected} stood; the CNC was restarted"),
+                    "nothing if that is so; else look for what sets the register to zero",
+                ),
             ),
             Event::TemplateChanged { template, changes } => warning(
                 "template-changed",
-                format!("template {template} is not as it was in the last run: {changes}"),
+                String::new(),
+                Explained::new(
+                    format!("template {template} is not as it was in the last run: {changes}"),
+                    "compare what `isotherm check` prints before the machine makes parts",
+                ),
             ),
             Event::CncBooted { device, from, to } => warning(
                 "cnc-booted",
-                format!(
-                    "device {device}: its boot counter went from {from} to {to}; the CNC was restarted, its registers \
-                     are read anew"
+                format!("device {device}"),
+                Explained::new(
+                    format!(
+                        "its boot counter went from {from} to {to}; the CNC was restarted, its registers are read again"
+                    ),
+                    "if nobody restarted it, look at its supply",
                 ),
             ),
-            Event::Handshake { set, fault, register, cause } => {
-                error(fault.kind(), fault.sentence(set, register, cause))
-            }
-            Event::NodeReset { device, node, what } => {
-                warning("node-reset", format!("device {device} (node {node}): {what}"))
-            }
-            Event::Emergency { device, what } => {
-                warning("emergency", format!("device {device}: emergency: {what}"))
-            }
+            Event::Handshake { set, fault, register, cause } => error(
+                fault.kind(),
+                String::new(),
+                Explained::new(fault.sentence(set, register, cause), fault.hint()),
+            ),
+            Event::NodeReset { device, node, what } => warning(
+                "node-reset",
+                format!("device {device} (node {node})"),
+                Explained::new(what, "if nobody has done that, look at its supply and its plug"),
+            ),
+            Event::Emergency { device, what } => warning(
+                "emergency",
+                format!("device {device}: emergency"),
+                what.clone().or_hint("the manual of the device says what the code means"),
+            ),
             Event::EmergencyOver { device, count } => info(
                 "emergency-over",
                 format!("device {device}: its emergencies are over, {} came", counted(count, "message")),
             ),
-            Event::BusTrouble { bus, address, what } => {
-                warning("bus-trouble", format!("bus {bus} ({address}): {what}"))
-            }
+            Event::BusTrouble { bus, address, what } => warning(
+                "bus-trouble",
+                format!("bus {bus} ({address})"),
+                what.clone().or_hint("is the bus terminated at both ends, has every node the same bitrate?"),
+            ),
             Event::BusWell { bus, address, count, what, within } => {
                 let span = seconds(&(*within).max(Duration::from_secs(1)));
                 info("bus-well", format!("bus {bus} ({address}): well again: {count} {what} within {span}"))
@@ -276,39 +379,62 @@ impl Event {
             Event::Zeroed => info("zeroed", "zero: references are captured from now on".to_owned()),
             Event::Overrun { bus, what, late } => warning(
                 "overrun",
-                format!(
-                    "bus {bus}: more is asked of it than it can carry: {what} was {} ms late; `isotherm check` shows \
-                     the load of each line",
-                    late.as_millis()
+                format!("bus {bus}"),
+                Explained::new(
+                    format!("more is asked of it than it can carry: {what} was {} ms late", late.as_millis()),
+                    "`isotherm check` shows the load of each line",
                 ),
             ),
             Event::PipelineGivenUp { bus, fault } => warning(
                 "pipeline-given-up",
-                format!(
-                    "bus {bus}: two questions at a time did not do ({fault}); one at a time from now on: remove `pipeline` \
-                     from the profile"
+                format!("bus {bus}"),
+                Explained::new(
+                    format!("two questions at a time did not do ({fault}); one at a time from now on"),
+                    "remove `pipeline` from the profile",
                 ),
             ),
-            Event::Subscription { device, what } => {
-                warning("subscription", format!("device {device}: its subscription: {what}"))
-            }
+            Event::Subscription { device, what } => warning(
+                "subscription",
+                format!("device {device}: its subscription"),
+                Explained::new(what, "let the server send as often, or write a longer `every`"),
+            ),
             Event::StoodStill { span } => warning(
                 "stood-still",
-                format!(
-                    "this computer stood still for {:.1} s (stopped, suspended or too busy): nothing from before is \
-                     used, and everything is read again",
-                    span.as_secs_f64()
+                String::new(),
+                Explained::new(
+                    format!(
+                        "this computer stood still for {:.1} s (stopped, suspended or too busy): nothing from before is used, and \
+                         everything is read again",
+                        span.as_secs_f64()
+                    ),
+                    "what else runs on it, does it suspend by itself? A gateway wants a computer of its own",
                 ),
             ),
-            Event::TaskFailed { task, why } => error("task-failed", format!("{task} failed: {why}")),
-            Event::ClockSet(Correction { from, to }) => {
-                warning("clock-set", format!("the computer's clock was set, from {from} to {to}"))
-            }
+            Event::TaskFailed { task, why } => error(
+                "task-failed",
+                format!("{task} failed"),
+                Explained::new(
+                    why,
+                    "keep the log of this hour and report it; restart the gateway if it does not itself",
+                ),
+            ),
+            Event::ClockSet(Correction { from, to }) => warning(
+                "clock-set",
+                String::new(),
+                Explained::new(
+                    format!("the computer's clock was set, from {from} to {to}"),
+                    "nothing if somebody did that; else look at its time server",
+                ),
+            ),
             Event::ClockDoubtful { last } => warning(
                 "clock-doubtful",
-                format!(
-                    "the computer's clock does not go on from {last}, the newest stamp in state and log: how long nothing \
-                     was measured is not known, and it is taken for long"
+                String::new(),
+                Explained::new(
+                    format!(
+                        "the computer's clock does not go on from {last}, the newest stamp in state and log: how long nothing was \
+                         measured is not known, and it is taken for long"
+                    ),
+                    "set the clock, and replace its battery if the time is lost at each start",
                 ),
             ),
             Event::LogsDeleted { names, why } => {
@@ -316,32 +442,60 @@ impl Event {
             }
             Event::NotExclusive { why } => warning(
                 "not-exclusive",
-                format!(
-                    "other gateways of this computer cannot be seen: {why}; one that writes to the same registers would not be \
-                     refused"
+                String::new(),
+                Explained::new(
+                    format!(
+                        "other gateways of this computer cannot be seen: {why}; one that writes to the same registers would not be \
+                         refused"
+                    ),
+                    "make sure that only one gateway writes to each register",
                 ),
             ),
-            Event::NotKept { what, why } => warning("not-kept", format!("{what} cannot be kept: {why}")),
-            Event::NotBelieved { why } => {
-                error("not-believed", format!("{why}; every axis is off until a person arms it"))
-            }
+            Event::NotKept { what, why } => warning(
+                "not-kept",
+                format!("{what} cannot be kept"),
+                why.clone().or_hint("make room there, or name another directory (`--state`)"),
+            ),
+            Event::NotBelieved { why } => error(
+                "not-believed",
+                String::new(),
+                Explained::new(
+                    format!("{why}; every axis is off until a person arms it"),
+                    "compare the registers of the control with what they should hold, then arm the axes",
+                ),
+            ),
             Event::HandoverRefused { why } => warning(
                 "handover-refused",
-                format!("{why}; every axis starts as after a stop: arm those that are off"),
+                String::new(),
+                Explained::new(format!("{why}; every axis starts as after a stop"), "arm those that are off"),
             ),
             Event::TakenFromEarlier { what, version, kept } => warning(
                 "taken-from-earlier",
-                format!("the {what} of an earlier version of the program (layout {version}) is used; {kept}"),
+                String::new(),
+                Explained::from(format!(
+                    "the {what} of an earlier version of the program (layout {version}) is used; {kept}"
+                )),
             ),
             Event::EventsLost { count } => warning(
                 "events-lost",
-                format!("the disk did not keep {} in time: what is kept has a gap", counted(count, "event")),
+                String::new(),
+                Explained::new(
+                    format!(
+                        "the disk did not keep {} in time: what is kept has a gap",
+                        counted(count, "event")
+                    ),
+                    "is the disk full, slow or broken?",
+                ),
             ),
             Event::EventsFull { bytes } => warning(
                 "events-full",
-                format!(
-                    "the file of this day's events is full ({} MB): no more of them are kept",
-                    bytes >> 20
+                String::new(),
+                Explained::new(
+                    format!(
+                        "the file of this day's events is full ({} MB): no more of them are kept",
+                        bytes >> 20
+                    ),
+                    "`isotherm events` shows what comes so often",
                 ),
             ),
             Event::KeptAgain { what } => info("kept-again", format!("{what} is kept again")),
@@ -381,7 +535,7 @@ mod tests {
     #[test]
     fn one_of_something_has_no_plural() {
         for event in of_one() {
-            let (kind, _, text) = event.described();
+            let (kind, text) = (event.described().kind, event.described().text());
             let (_, after) = text.split_once("1 ").unwrap_or_else(|| panic!("{kind}: {text}"));
             let noun = after.split([' ', ';', ':', ',']).find(|word| !matches!(*word, "read" | "wrong"));
             assert!(noun.is_some_and(|noun| !noun.ends_with('s')), "{kind}: {text}");
@@ -391,6 +545,6 @@ mod tests {
     #[test]
     fn days_stand_apart_from_their_number() {
         let event = Event::SignalGood { signal: "bed".into(), bad_for: Duration::from_secs(9 * 86_400 + 60) };
-        assert_eq!(event.described().2, "signal bed: good again after 9 days 1m");
+        assert_eq!(event.described().text(), "signal bed: good again after 9 days 1m");
     }
 }

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::data::in_seconds;
 use super::{Described, info, warning};
+use isotherm_core::explained::Explained;
 use isotherm_profile::{counted, duration_text};
 
 /// What becomes of a sensor of an axis's model.
@@ -52,7 +53,9 @@ impl StandIn {
                     Some(count) => format!("taken from {}", others(*count)),
                     None => "and used for nothing: nobody stands in for it".to_owned(),
                 };
-                warning(kind, format!("axis {axis}: {signal} {is} for {span}, {taken}"))
+                let hint = "look at the sensor, its cable and its channel; the axis uses its own reading again by itself";
+                let cause = format!("{signal} {is} for {span}, {taken}");
+                warning(kind, format!("axis {axis}"), Explained::new(cause, hint))
             }
             StandIn::Over { axis, signal, believed: true } => {
                 info("stand-in-over", format!("axis {axis}: {signal} is believed again"))

@@ -18,10 +18,13 @@ use super::snapshot::metrics;
 use crate::clock::Clock;
 use crate::observe::events::{Broker as BrokerEvent, Event};
 use crate::observe::status::{BrokerFigures, Source};
+use isotherm_core::explained::Cause;
 use isotherm_core::quantity::{Moment, Shift};
 use isotherm_plant::{Message, Publisher, Snapshot};
 use isotherm_profile::stop;
 
+/// Attempts in a row that fail for another reason before that is reported.
+const CHANGED_AFTER: u32 = 2;
 /// The first pause after a connection that could not be made, or broke; each is twice as long.
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
 /// No pause is longer.
@@ -62,7 +65,7 @@ impl Runner {
         ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
         // What a connection that is soon made tells is not kept before it.
         ticks.reset();
-        let (mut failures, mut pause) = (0_u64, FIRST_PAUSE);
+        let (mut failures, mut pause, mut cause) = (0_u64, FIRST_PAUSE, None);
         let mut chance = Pcg64Mcg::seed_from_u64(self.clock.time_of_day().as_nanos());
         loop {
             let will = self.publisher.will();
@@ -79,6 +82,7 @@ impl Runner {
                 Some(Err(fault)) => fault,
                 Some(Ok(connection)) => {
                     self.is_connected(std::mem::take(&mut failures));
+                    cause = None;
                     let since = self.clock.now();
                     let end = self.published(connection, &mut ticks, &mut stopped).await;
                     if self.clock.now().since(since) > LONGEST_PAUSE {
@@ -91,7 +95,7 @@ impl Runner {
                 }
             };
             failures += 1;
-            self.is_away(&fault, failures == 1);
+            self.is_away(&fault, &mut cause);
             // Two gateways that lost one broker do not come back at once.
             let spread = pause.mul_f64(chance.random_range(0.5..1.0));
             pause = (pause * 2).min(LONGEST_PAUSE);
@@ -121,13 +125,13 @@ impl Runner {
         }
     }
 
-    fn is_away(&mut self, fault: &Fault, is_first: bool) {
+    fn is_away(&mut self, fault: &Fault, cause: &mut Option<Cause<String>>) {
         let why = fault.to_string();
         self.figures.note(|figures| {
             figures.connected = false;
             figures.fault.clone_from(&why);
         });
-        if is_first {
+        if Cause::is_news(cause, why.clone(), CHANGED_AFTER) {
             let broker = self.address.clone();
             self.source.report(&Event::Broker(BrokerEvent::Down { broker, why }));
         }

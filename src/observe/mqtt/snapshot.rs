@@ -1,7 +1,7 @@
 //! From the state of the gateway to the figures that are published.
 //!
-//! What changes by itself all the time, as ages and counts of requests do, is not among them: it would be published every second,
-//! and is served to those who ask for metrics.
+//! What changes by itself all the time, as counts of requests do, is not among them: it would be published every second,
+//! and is served to those who ask for metrics. The age of a verified value is published in steps.
 
 use std::time::Duration;
 
@@ -12,6 +12,8 @@ use isotherm_core::quantity::Moment;
 use isotherm_plant::{Metric, Subject, Value};
 use isotherm_profile::Profile;
 
+/// A verified value that has grown older by less is not published again, s.
+const AGES_BY_S: f64 = 30.0;
 /// Half of what is shown of a compensation, µm.
 const RESOLUTION_UM: f64 = 0.05;
 
@@ -69,9 +71,12 @@ impl List {
 
     fn axis(&mut self, axis: &AxisStatus) {
         let mut of = self.of(Subject::Axis(axis.name.clone()));
+        // Value in the control first, then what is decided.
+        of.micron("verified_um", axis.verified_um);
+        of.real("verified_age_s", axis.verified_age_s.map(f64::round), "s", AGES_BY_S);
+        of.text("shown", axis.shown.name());
         of.text("state", axis.state);
-        of.text("shown", axis.shown);
-        of.text("why", &axis.why);
+        of.text("why", &axis.why.to_string());
         of.text("model", axis.model.as_deref().unwrap_or_default());
         of.flag("armed", axis.armed);
         of.flag("warned", axis.warned);
@@ -79,7 +84,6 @@ impl List {
         of.flag("extrapolating", axis.extrapolating.is_some());
         of.micron("cz_um", Some(axis.cz_um));
         of.micron("raw_um", axis.raw_um);
-        of.micron("verified_um", axis.verified_um);
         of.micron("expected_um", axis.expected_um);
         of.micron("limit_um", Some(axis.limit_um));
         let probe = axis.probe.as_ref();

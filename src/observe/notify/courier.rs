@@ -8,7 +8,10 @@ use tokio::sync::watch;
 use super::outbox::Outbox;
 use super::post::{Failure, Post};
 use crate::observe::events::Delivery;
+use isotherm_core::explained::Cause;
 
+/// Attempts in a row that fail for another reason before that is reported.
+const CHANGED_AFTER: u32 = 2;
 /// So many attempts in a row that were in vain are reported.
 const TOLD: u32 = 2;
 
@@ -57,7 +60,7 @@ pub(super) async fn carry(
 ) {
     let (notify, to) = (&outbox.notify().name, outbox.notify().url.to_string());
     // In a row, whatever messages they were about.
-    let (mut failures, mut is_told, mut was_silent) = (0_u32, false, false);
+    let (mut failures, mut told_cause, mut was_silent) = (0_u32, None, false);
     loop {
         let message = match outbox.take() {
             Some(message) => message,
@@ -83,7 +86,7 @@ pub(super) async fn carry(
             let Err(failure) = posted.unwrap_or(Err(Failure::Silent(rules.timeout))) else {
                 was_silent = false;
                 let attempts = u64::from(std::mem::take(&mut failures));
-                if std::mem::take(&mut is_told) {
+                if told_cause.take().is_some() {
                     report(Delivery::Back { notify: notify.clone(), to: to.clone(), attempts });
                 }
                 if let Some(count) = outbox.arrived(told) {
@@ -93,8 +96,9 @@ pub(super) async fn carry(
             };
             (failures, was_silent) = (failures.saturating_add(1), failure.is_silence());
             // One attempt in vain is no news where the next one is not.
-            if !is_told && (failures >= TOLD || failure.is_final()) {
-                is_told = true;
+            if (failures >= TOLD || failure.is_final())
+                && Cause::is_news(&mut told_cause, failure.to_string(), CHANGED_AFTER)
+            {
                 report(Delivery::Failed { notify: notify.clone(), to: to.clone(), why: failure.to_string() });
             }
             if *stopped.borrow() {

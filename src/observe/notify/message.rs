@@ -65,7 +65,7 @@ mod tests {
 
     #[test]
     fn a_message_says_whose_it_is_when_what_and_how_many_there_were() {
-        let fault = Explained { cause: "timeout".into(), hint: Some("is it powered?") };
+        let fault = Explained::new("timeout", "is it powered?");
         let event = Event::DeviceLost { device: "cnc".into(), at: " (unit 2)".into(), fault };
         let change = Change { raised: Some("device cnc".into()), ended: Vec::new() };
         let entry = event.entry(Moment::default());

@@ -192,7 +192,7 @@ mod tests {
     }
 
     fn state(from: &'static str, to: &'static str, stopping: bool) -> Event {
-        Event::AxisState { axis: "z".into(), from, to, why: String::new(), stopping }
+        Event::AxisState { axis: "z".into(), from, to, why: "bed is lost".into(), stopping }
     }
 
     #[test]

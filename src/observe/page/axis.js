@@ -2,8 +2,8 @@
 
 import { Probe } from "./probe.js";
 import { Sign } from "./sign.js";
-import { axisState, badge, expected, standsIn } from "./states.js";
-import { element, fixed, say, signed, span, titled } from "./text.js";
+import { axisState, badge, expected, standsIn, verified } from "./states.js";
+import { Hint, element, fixed, say, signed, span, titled } from "./text.js";
 import { english, known, t } from "./words.js";
 
 const STAGES = ["limit", "deadband", "step", "rate", "round"];
@@ -22,6 +22,7 @@ class Card {
     this.levelsRow = element("div", { className: "all" }, element("dt", {}, t("levels")), this.levels);
     this.does = element("span");
     this.why = english(element("span"));
+    this.hint = new Hint();
     this.asked = element("span");
     const cancel = element("button", { type: "button", ariaLabel: t("cancel_axis", { axis: name }) }, t("cancel"));
     cancel.addEventListener("click", () => command("cancel", name));
@@ -33,7 +34,7 @@ class Card {
     this.sign = new Sign(name, command);
     this.root = element("article", { className: "card axis" },
       element("div", { className: "row" }, element("h2", {}, titled(t("axis", { names: name }), axis)), this.state),
-      element("p", { className: "why" }, this.does, " ", this.why),
+      element("p", { className: "why" }, this.does, " ", this.why, this.hint.root),
       this.waiting,
       element("p", { className: "cz" }, element("abbr", { title: t("cz_title") }, "Cz"), " ",
         this.value, " ", element("span", { className: "unit" }, "µm"), " ", this.expected, " ", this.stands),
@@ -55,10 +56,11 @@ class Card {
     badge(this.state, uneasy ? "warn" : tone, name);
     const warned = axis.warned ? t("warned", { um: fixed(axis.warn_um, 0) }) : "";
     const stands = standsIn(axis, status);
-    const why = [stands || axis.why || axis.extrapolating?.text, warned].filter(Boolean).join("; ");
+    const why = [stands || axis.cause || axis.extrapolating?.text, warned].filter(Boolean).join("; ");
     this.why.lang = stands ? document.documentElement.lang : "en";
     say(this.does, why ? `${sentence}:` : sentence);
     say(this.why, why);
+    this.hint.show(axis.hint);
     this.waiting.hidden = axis.waiting === null;
     if (axis.waiting) say(this.asked, t("asked", { by: axis.waiting.asked, span: span(axis.waiting.expires_s) }));
     const levels = [
@@ -67,13 +69,9 @@ class Card {
     ].filter(Boolean).join(", ");
     this.levelsRow.hidden = levels === "";
     say(this.levels, levels);
-    // What was verified stands there; what is wanted may still be on its way, or never arrive.
-    const isKnown = axis.verified_um !== null;
-    say(this.value, signed(isKnown ? axis.verified_um : axis.cz_um, 1));
+    say(this.value, signed(axis.verified_um, 1));
     say(this.expected, expected(axis));
-    say(this.stands, isKnown
-      ? t("verified_ago", { span: span(axis.verified_age_s), um: signed(axis.cz_um, 1) })
-      : t("not_verified"));
+    say(this.stands, verified(axis));
     say(this.raw, axis.raw_um === null ? t("nothing") : `${signed(axis.raw_um, 2)} µm`);
     say(this.model, axis.model ?? t("none"));
     say(this.armed, t(status.dry_run ? "nothing_dry_run" : axis.armed ? "armed" : "not_armed"));
@@ -103,16 +101,19 @@ class Bar {
   show(axis) {
     const limit = axis.limit_um > 0 ? axis.limit_um : 1;
     const place = (value) => 50 + 50 * Math.max(-1, Math.min(1, value / limit));
-    // The value in the control, as far as that is known; not what is only decided.
-    const held = axis.verified_um ?? axis.cz_um;
-    const end = place(held);
+    // The value that was verified in the control; never the target.
+    const held = axis.verified_um;
+    const end = place(held ?? 0);
+    this.fill.hidden = held === null;
     this.fill.style.left = `${Math.min(50, end)}%`;
     this.fill.style.width = `${Math.abs(end - 50)}%`;
     this.wish.hidden = axis.raw_um === null;
     this.wish.style.left = `${place(axis.raw_um ?? 0)}%`;
     say(this.low, `${signed(-axis.limit_um, 0)}`);
     say(this.high, `${signed(axis.limit_um, 0)} µm`);
-    this.track.ariaLabel = t("of_limit", { um: signed(held, 1), limit: fixed(axis.limit_um, 0) });
+    this.track.ariaLabel = held === null
+      ? verified(axis)
+      : t("of_limit", { um: signed(held, 1), limit: fixed(axis.limit_um, 0) });
   }
 }
 

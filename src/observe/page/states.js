@@ -5,35 +5,35 @@ import { known, t } from "./words.js";
 
 export const SIGNS = { good: "●", warn: "▲", bad: "■", off: "○" };
 
-const AXIS = {
-  active: "good", degraded: "warn", holding: "warn", ramping: "bad", zeroed: "bad", waiting: "warn", off: "off",
-  unmodelled: "off", "sign-check": "warn", unreachable: "bad",
-};
-
 // What is shown follows from what is decided and what was verified; the gateway says which.
 const stateOf = (axis) => axis.shown;
 
 // What is done, in words; with the verified value where that is what matters.
 function does(axis) {
-  const verified = axis.verified_um !== null;
-  if (axis.shown === "unreachable" && verified) {
+  if (axis.shown === "unreachable" && axis.verified_um !== null) {
     return t("last_verified", { um: signed(axis.verified_um, 1), span: span(axis.verified_age_s) });
   }
-  if (axis.shown === "sign-check" && verified) return t("on_purpose", { um: signed(axis.verified_um, 1) });
+  if (axis.shown === "sign-check" && axis.sign) return t("on_purpose", { um: signed(axis.sign.by_um, 1) });
   return known("does", axis.shown);
 }
 
 // What an axis does because the gateway was asked to stop is no fault, unless its control cannot be asked.
 export function axisState(axis, status) {
-  const tone = status.stopping && axis.shown !== "unreachable" ? "off" : AXIS[axis.shown] ?? "warn";
+  const tone = status.stopping && axis.shown !== "unreachable" ? "off" : axis.tone;
   return [tone, known("state", axis.shown), does(axis)];
+}
+
+// The age of the figure that was verified in the control, and then the target of an armed axis, which may never arrive.
+export function verified(axis) {
+  const age = axis.verified_um === null ? t("not_verified") : t("verified_ago", { span: span(axis.verified_age_s) });
+  return axis.armed ? `${age} · ${t("target", { um: signed(axis.cz_um, 1) })}` : age;
 }
 
 // How wrong Cz is expected to be, where it is what the model asks for: not at its limit, and not on its way there.
 const ELSEWHERE = ["limit", "step", "rate"];
 
 export function expected(axis) {
-  const follows = axis.state === "active" || axis.state === "degraded";
+  const follows = axis.shown === "active" || axis.shown === "degraded";
   if (!follows || axis.expected_um === null || ELSEWHERE.some((stage) => axis.acted.includes(stage))) return "";
   return t("expected", { um: fixed(axis.expected_um, 1) });
 }
@@ -68,7 +68,7 @@ export function overall(status) {
   const worst = WORST.find((state) => inState(state).length);
   const [off, unmodelled] = [inState("off"), inState("unmodelled")];
   const why = (state) => {
-    const reason = inState(state).map((axis) => standsIn(axis, status) || axis.why).find((text) => text) ?? "";
+    const reason = inState(state).map((axis) => standsIn(axis, status) || axis.cause).find((text) => text) ?? "";
     const sentence = inState(state).length === 1 ? does(inState(state)[0]) : known("does", state);
     return `${names(inState(state))}: ${sentence}${reason ? ` (${reason})` : ""}.`;
   };
@@ -76,7 +76,7 @@ export function overall(status) {
   if (status.stopping) return ["off", known("state", worst ?? "off"), t("stopping")];
   const problem = (() => {
     const others = foreign ? t("foreign", { output: foreign.name }) : "";
-    if (foreign || AXIS[worst] === "bad") {
+    if (foreign || inState(worst)[0]?.tone === "bad") {
       const word = worst && worst !== "waiting" ? known("state", worst) : t("foreign_word");
       return ["bad", word, [worst ? why(worst) : "", others].filter(Boolean).join(" ")];
     }

@@ -1,7 +1,7 @@
 // The lists: signals, outputs, devices, buses, events. A row is made once and then only its text changes.
 
 import { badge, outputTone } from "./states.js";
-import { clock, day, element, quantity, say, signed, span } from "./text.js";
+import { Hint, clock, day, element, quantity, say, signed, span, withoutHint } from "./text.js";
 import { english, known, t } from "./words.js";
 
 const count = (number) => number.toLocaleString("en").replaceAll(",", "\u202f");
@@ -54,11 +54,14 @@ const devices = new Table("devices");
 const buses = new Table("buses");
 const overridden = new Table("overridden");
 
-// In English as the gateway says it, with what to do; elsewhere its word, with the raw value that the device sent. The
-// sentence stands at the device then.
+// The cause alone: the hint stands at its alarm.
+const cause = (text, { alarms }) => alarms.reduce((said, { hint }) => withoutHint(said, hint), text);
+
+// In English as the gateway says it; elsewhere its word, with the raw value that the device sent. The sentence stands at the
+// device then.
 const raw = (reason) => reason.match(/\(raw [^)]+\)/)?.[0] ?? "";
-const reason = ({ quality, reason }) =>
-  document.documentElement.lang === "en" ? reason || quality : `${known("reason", quality)} ${raw(reason)}`.trim();
+const reason = ({ quality, reason }, status) =>
+  document.documentElement.lang === "en" ? cause(reason, status) || quality : `${known("reason", quality)} ${raw(reason)}`.trim();
 
 // A signal that reads well may be one that no axis believes: the others say what it would read.
 function believed({ name, quality }, { axes }) {
@@ -75,7 +78,7 @@ export function showTables(status) {
     signals.row(signal.name, [
       title(signal, signal.device),
       { text: quantity(signal.value, signal.unit), figure: true },
-      { text: word, tone, small: good ? "" : reason(signal) },
+      { text: word, tone, small: good ? "" : reason(signal, status) },
       { text: signal.age_s === null ? t("never") : span(signal.age_s), figure: true },
     ]);
   }
@@ -98,7 +101,7 @@ export function showTables(status) {
     const tone = device.state === "ok" ? "good" : "bad";
     devices.row(device.name, [
       title(device, t("unit_on_bus", { unit: device.unit, bus: device.bus })),
-      { text: known("device", device.state), tone, small: device.fault },
+      { text: known("device", device.state), tone, small: cause(device.fault, status) },
       { text: count(device.requests), figure: true },
       {
         text: count(failures.reduce((sum, [, times]) => sum + times, 0)),
@@ -144,8 +147,10 @@ export function showEvents(list, events, now) {
     const time = day(at) === day(now) ? clock(at) : `${day(at).slice(5)} ${clock(at)}`;
     const level = element("span", { className: "badge" });
     badge(level, LEVELS[event.level] ?? "off", known("level", event.level));
+    const hint = new Hint();
+    hint.show(event.data?.hint);
     return element("li", {}, element("time", { dateTime: event.at, title: event.at }, time), level,
-      english(element("span", { className: "text" }, event.text)));
+      element("span", { className: "text" }, english(element("span", {}, withoutHint(event.text, event.data?.hint))), hint.root));
   });
   list.replaceChildren(...rows.reverse());
 }

@@ -1,6 +1,6 @@
 // Numbers and times as a person reads them; and small helpers for elements.
 
-import { t } from "./words.js";
+import { english, t } from "./words.js";
 
 const MINUS = "\u2212";
 
@@ -105,6 +105,24 @@ export function element(name, properties = {}, ...children) {
 // A name with what people call it.
 export const labelled = ({ name, label }) => (label ? `${label} (${name})` : name);
 export const titled = (title, { label }) => (label ? `${title} · ${label}` : title);
+
+// What to do about a fault, on a line of its own.
+export class Hint {
+  constructor() {
+    this.text = english(element("span"));
+    this.root = element("small", { className: "hint" }, element("b", {}, t("to_do")), " ", this.text);
+  }
+
+  show(hint) {
+    this.root.hidden = !hint;
+    say(this.text, hint ?? "");
+  }
+}
+
+// A sentence without the hint at its end.
+export function withoutHint(text, hint) {
+  return hint && text.endsWith(hint) ? text.slice(0, -hint.length).replace(/[:;] $/, "") : text;
+}
 
 // Writes only what changed, so that a screen reader or a selection is not disturbed every second.
 export function say(node, text) {

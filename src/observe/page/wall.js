@@ -1,7 +1,7 @@
 // What is read from three metres: one word for the machine, and a figure for each axis.
 
 import { follow } from "./live.js";
-import { SIGNS, axisState, expected, overall } from "./states.js";
+import { SIGNS, axisState, expected, overall, verified } from "./states.js";
 import { bothTimes, element, say, signed, titled } from "./text.js";
 import { t } from "./words.js";
 
@@ -14,12 +14,13 @@ function panel(axis) {
   const parts = {
     figure: element("span", { className: "figure" }),
     expected: element("p", { className: "expected" }),
+    verified: element("p", { className: "verified" }),
     state: element("p", { className: "state" }),
   };
   by("axes").append(element("section", {},
     element("h2", {}, titled(t("axis", { names: axis.name }), axis)),
     element("p", { className: "cz" }, parts.figure, " ", element("span", { className: "unit" }, "µm")),
-    parts.expected, parts.state));
+    parts.verified, parts.expected, parts.state));
   axes.set(axis.name, parts);
   return parts;
 }
@@ -31,12 +32,12 @@ follow((status) => {
   say(by("sentence"), sentence);
   say(by("time"), bothTimes(new Date(status.now)).filter(Boolean).join(" · "));
   for (const axis of status.axes) {
-    const { figure, expected: within, state } = axes.get(axis.name) ?? panel(axis);
+    const { figure, expected: within, verified: stands, state } = axes.get(axis.name) ?? panel(axis);
     const [its, name] = axisState(axis, status);
-    // What was verified stands there; what is wanted may still be on its way, or never arrive.
-    say(figure, signed(axis.verified_um ?? axis.cz_um, 1));
+    say(figure, signed(axis.verified_um, 1));
+    say(stands, verified(axis));
     say(within, expected(axis));
-    say(state, `${SIGNS[its]} ${name}${axis.verified_um === null ? ` · ${t("not_verified")}` : ""}`);
+    say(state, `${SIGNS[its]} ${name}`);
   }
 }, (sentence, stopped) => {
   by("lost").hidden = sentence === null;

@@ -224,7 +224,7 @@ fn a_word_of_a_set_whose_node_is_not_there_is_told_by_its_name_and_not_as_a_faul
             "control of set line (node ns=2;s=gone) cannot be read: the server answers BadNodeIdUnknown";
         wait_until(source, "it is told", |status| events(status).iter().any(|text| text.contains(said)));
         wait_until(source, "the axis says so", |status| {
-            let why = &status.axes[0].why;
+            let why = status.axes[0].why.to_string();
             why.contains(said) && why.contains("there is no such node")
         });
         assert!(!control.lock().unwrap().does("log").contains("write"));

@@ -17,14 +17,18 @@ fn a_person_sees_what_arming_waits_for_takes_it_back_and_reads_what_happened_bef
     let seen = Command::new("python3")
         .arg(look)
         .arg(format!("http://{}/", bench.page))
-        .args(["waiting to arm: bed has an open circuit", "over the socket; given up in 1 min", "stopped; "])
+        .args([
+            "writes nothing yet: bed has an open circuit",
+            "over the socket; given up in 1 min",
+            "stopped; ",
+        ])
         .args([
             "click:Show the last 24 hours",
             "stopped; ",
             "click:Cancel",
             "the request to arm is taken back",
         ])
-        .args(["on the page; arm it again", "cancelled by 127.0.0.1 on the page"])
+        .args(["To do: arm it again", "cancelled by 127.0.0.1 on the page"])
         .output();
     let seen = seen.unwrap_or_else(|error| panic!("no python3 ({error}): `tests/run page` installs it"));
     let said = [seen.stdout, seen.stderr].map(|said| String::from_utf8(said).unwrap()).concat();

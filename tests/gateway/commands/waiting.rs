@@ -15,7 +15,7 @@ fn who_arms_with_a_broken_sensor_hears_what_is_waited_for_until_the_axis_is_arme
     let mut asker = Running::start(&mut bench.verb(&["arm"]));
     asker.hears("z: waiting to arm: bed has an open circuit");
     let axis = bench.is_in_state("waiting");
-    assert_eq!((&axis["armed"], &axis["why"]), (&false.into(), &"bed has an open circuit".into()));
+    assert_eq!((&axis["armed"], &axis["cause"]), (&false.into(), &"bed has an open circuit".into()));
     let asked = axis["waiting"]["asked"].as_str().unwrap();
     assert!(asked.starts_with("by ") && asked.ends_with(" over the socket"), "{asked}");
     assert!((60.0..120.1).contains(&axis["waiting"]["expires_s"].as_f64().unwrap()), "{axis}");

@@ -47,7 +47,7 @@ fn nothing_is_sent(trace: &Trace, output: &str, why: &str) {
     );
     let last = trace.samples.last().unwrap();
     assert!(
-        last.status.axes.iter().any(|axis| axis.state == "off" && axis.why.contains(&begin)),
+        last.status.axes.iter().any(|axis| axis.state == "off" && axis.why.cause.contains(&begin)),
         "{}",
         trace.lines()
     );

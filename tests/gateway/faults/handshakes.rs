@@ -103,7 +103,10 @@ fn an_acknowledge_that_does_not_come_is_reported_and_the_axis_holds_until_it_doe
     let reported = texts(&trace, "acknowledge-missing");
     assert_eq!(
         reported,
-        ["acknowledge of output cnc_z did not come within 500 ms (discrete:20)"],
+        [
+            "acknowledge of output cnc_z did not come within 500 ms (discrete:20): does the control's program run, does it look at \
+             this strobe? Else `timeout` of the handshake is too short"
+        ],
         "{}",
         trace.lines()
     );
@@ -144,14 +147,20 @@ fn an_acknowledge_that_does_not_drop_is_reported_and_nothing_is_written_while_it
     let reported = texts(&trace, "acknowledge-stuck");
     assert_eq!(
         reported,
-        ["acknowledge of output cnc_z did not drop within 500 ms after the strobe (discrete:20)"],
+        [
+            "acknowledge of output cnc_z did not drop within 500 ms after the strobe (discrete:20): does the control's program drop \
+             the acknowledge when the strobe drops?"
+        ],
         "{}",
         trace.lines()
     );
     let early = texts(&trace, "acknowledge-early");
     assert_eq!(
         early,
-        ["acknowledge of output cnc_z was up before the strobe and did not drop within 500 ms (discrete:20)"],
+        [
+            "acknowledge of output cnc_z was up before the strobe and did not drop within 500 ms (discrete:20): does the control's \
+             program drop the acknowledge when the strobe drops?"
+        ],
         "{}",
         trace.lines()
     );

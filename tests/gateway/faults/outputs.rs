@@ -91,7 +91,7 @@ fn an_axis_whose_control_does_not_answer_is_shown_as_unreachable_with_the_verifi
         law::holds(&trace);
         let shown = |from: u64, to: u64| {
             let mut shown: Vec<&str> =
-                trace.between(from, to).map(|sample| sample.status.axes[0].shown).collect();
+                trace.between(from, to).map(|sample| sample.status.axes[0].shown.name()).collect();
             shown.dedup();
             shown
         };

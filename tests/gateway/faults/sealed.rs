@@ -135,7 +135,7 @@ fn whatever_was_done_to_the_files_nothing_is_moved_before_a_person_arms() {
             assert_eq!(writes_before(&trace, MINUTE / 2), 0, "{what}\n{}", trace.lines());
             assert!(trace.reported("not-believed") > 0, "{what}\n{}", trace.lines());
             assert_eq!(trace.states_between(5, 29), ["off"], "{what}\n{}", trace.lines());
-            let why = &trace.between(20, 21).next().unwrap().status.axes[0].why;
+            let why = trace.between(20, 21).next().unwrap().status.axes[0].why.to_string();
             assert!(why.contains("did not fit") && why.contains("arm it again"), "{what}: {why}");
             assert_eq!(trace.states_between(50, 59), ["active"], "{what}\n{}", trace.lines());
         }

@@ -30,7 +30,9 @@ fn a_control_that_is_read_and_whose_writes_are_never_answered_is_reported_with_c
     let text = profile_of(&control, "2s", "");
     let status = beside(&text, move |source| {
         wait_until(source, "that is told", |status| reported(status, "write-failed") == 1);
-        wait_until(source, "the axis says so", |status| status.axes[0].why.contains("times"));
+        wait_until(source, "the axis says so", |status| {
+            status.axes[0].why.cause.contains("is unverified: no answer in time")
+        });
     });
     let texts = events(&status);
     assert!(texts.iter().any(|text| text.contains("no answer in time, 3 times in a row")), "{texts:#?}");
@@ -46,7 +48,7 @@ fn what_somebody_else_wrote_and_where_stands_in_the_reason_of_the_axis() {
         seen.lock().unwrap().edits(123);
         wait_until(source, "it is off", |status| !status.axes[0].armed);
         wait_until(source, "why", |status| {
-            let why = &status.axes[0].why;
+            let why = &status.axes[0].why.cause;
             why.contains("17.3 µm") && why.contains("cnc_z") && why.contains("holding:10")
         });
         assert!(source.arming(None).unwrap_err().starts_with("axis z is not armed: "));

@@ -62,9 +62,15 @@ fn a_host_that_is_not_ours_takes_births_sequence_rebirth_and_death() {
     let mut machine = Machine::with(&mqtt(&broker));
     let birth = host.hears("NBIRTH");
     let names = birth["metrics"].as_object().unwrap();
-    for name in
-        ["axis/z/cz_um", "axis/z/state", "signal/bed99/value", "gateway/ready", "Node Control/Rebirth"]
-    {
+    for name in [
+        "axis/z/verified_um",
+        "axis/z/verified_age_s",
+        "axis/z/cz_um",
+        "axis/z/state",
+        "signal/bed99/value",
+        "gateway/ready",
+        "Node Control/Rebirth",
+    ] {
         assert!(names.contains_key(name), "{name} is not in {names:?}");
     }
     assert!(names.len() > 3 * SIGNALS);

@@ -110,19 +110,44 @@ fn each_language_says_it_in_its_own_words_and_marks_them_as_its_own() {
         ("ja", "wheelhead は 10:30 から固着。他の 1 点から推定"),
         ("zh", "wheelhead 自 10:30 起冻结，由其他 1 个传感器推算"),
     ] {
-        let own = format!("eval:document.querySelector('.axis .why span:last-child').lang === '{language}'");
+        let own =
+            format!("eval:document.querySelector('.axis .why > span:last-of-type').lang === '{language}'");
         looked_at_from(10, "", &[&format!("language:{language}"), words, &own]);
     }
 }
 
-/// The page and the wall show the verified value, and not what is decided meanwhile.
+/// The page and the wall show the verified value, and not what is decided meanwhile; and below each trouble what to do.
 #[test]
 fn a_control_that_does_not_answer_is_unreachable_with_the_verified_value_and_its_age() {
     let silent = "[[fault]]\ndevice = \"cnc\"\nkind = \"silent\"\nat = \"179min\"";
     let red = "eval:document.body.innerHTML.includes('unreachable')";
-    let words = ["unreachable", "last verified ", "the control may hold another value now", red];
-    let text = looked_at_after(silent, 10, "", &words);
+    let held = [
+        "unreachable",
+        "last verified ",
+        "the control may hold another value now",
+        "verified ",
+        " · target ",
+    ];
+    // Said once, on a line of its own.
+    let hint = "eval:[...document.querySelectorAll('.axis, #alarms li, #events li')].some((node) => \
+                node.querySelector('.hint:not([hidden])')?.innerText.startsWith('To do: is the unit number right'))";
+    let once = "eval:[...document.querySelectorAll('#alarms .text, #events .text > span')].every((node) => \
+                !node.innerText.includes('is the unit number right'))";
+    let text = looked_at_after(silent, 10, "", &[&held[..], &[red, hint, once]].concat());
     assert!(!text.contains("Every armed axis follows its model"), "{text}");
-    looked_at_after(silent, 10, "/?view=wall", &words[..3]);
-    looked_at_after(silent, 10, "", &["language:de", "nicht erreichbar", "zuletzt bestätigt "]);
+    assert!(!text.contains("expected within"), "{text}");
+    looked_at_after(silent, 10, "/?view=wall", &held);
+    let german =
+        ["language:de", "nicht erreichbar", "zuletzt bestätigt ", "Zu tun: is the unit number right"];
+    looked_at_after(silent, 10, "", &german);
+}
+
+/// Before anything was verified there is no figure, and the bar is empty: the target is no substitute.
+#[test]
+fn a_control_that_never_answered_has_no_figure_and_an_empty_bar() {
+    let refused = "[[fault]]\ndevice = \"cnc\"\nkind = \"refuse\"";
+    let empty = "eval:document.querySelector('.bar .fill').hidden";
+    let none = "eval:document.querySelector('.figure').innerText === '–'";
+    looked_at_after(refused, 10, "", &["not verified yet", empty, none]);
+    looked_at_after(refused, 10, "/?view=wall", &["not verified yet", none]);
 }

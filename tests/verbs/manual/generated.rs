@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use isotherm_core::display::Display;
 use isotherm_profile::{schema, template};
 use serde_json::Value;
 
@@ -316,4 +317,68 @@ fn channels(name: &str, group: &toml::Value) -> String {
         }
         _ => format!("`{name}`"),
     }
+}
+
+/// Languages of the page: code, name in itself, chapter of the shop sheet.
+const LANGUAGES: [(&str, &str, &str); 4] = [
+    ("en", "English", "shop-sheet.md"),
+    ("de", "Deutsch", "shop-sheet-de.md"),
+    ("ja", "日本語", "shop-sheet-ja.md"),
+    ("zh", "中文", "shop-sheet-zh.md"),
+];
+
+#[test]
+fn the_shop_sheet_says_in_each_language_of_the_page_what_the_page_says() {
+    for (language, _, chapter) in LANGUAGES {
+        is_committed(&format!("docs/{chapter}"), &shop_sheet(language));
+    }
+}
+
+/// The states in the words of the page, and what to do in those of `docs/shop-sheet.json`.
+fn shop_sheet(language: &str) -> String {
+    let page: Value =
+        serde_json::from_str(&read(format!("src/observe/page/languages/{language}.json"))).unwrap();
+    let sheet: Value = serde_json::from_str(&read("docs/shop-sheet.json")).unwrap();
+    let text = |value: &Value| value.as_str().unwrap_or_else(|| panic!("{language}: {value}")).to_owned();
+    let of_page = |key: &str| text(&page[key]);
+    let own = |key: &str| {
+        let said = text(sheet[language].pointer(key).unwrap_or(&Value::Null));
+        // A button in braces is called as on the page.
+        let buttons = ["arm", "disarm", "zero", "cancel", "acknowledge"];
+        buttons.iter().fold(said, |said, key| said.replace(&format!("{{{key}}}"), &of_page(key)))
+    };
+    let row = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+    let others = LANGUAGES.iter().filter(|(other, ..)| *other != language);
+    let others: Vec<String> = others.map(|(_, name, chapter)| format!("[{name}]({chapter})")).collect();
+    let blank = "______________";
+    let mut sheet = format!(
+        "# {}\n\n{} *{}: {blank}  {}: http://{blank}  {}: {blank}*\n\n**{}**\n\n{}\n\n{}\n\n",
+        own("/title"),
+        own("/intro"),
+        own("/fields/0"),
+        own("/fields/1"),
+        own("/fields/2"),
+        of_page("not_safety"),
+        own("/cz"),
+        own("/figure"),
+    );
+    sheet += &row(&[0, 1, 2].map(|cell| own(&format!("/states/{cell}"))));
+    sheet += "|---|---|---|\n";
+    for (_, name, _, tone) in Display::ALL {
+        let colour = own(&format!("/tones/{}", tone.name()));
+        let [word, does] = ["state", "does"].map(|kind| of_page(&format!("{kind}.{name}")));
+        sheet += &row(&[format!("{colour}: {word}"), does, own(&format!("/do/{name}"))]);
+    }
+    sheet += &format!("\n{}|---|---|\n", row(&[0, 1].map(|cell| own(&format!("/cases/{cell}")))));
+    for case in 0..7 {
+        sheet += &row(&[0, 1].map(|cell| own(&format!("/case/{case}/{cell}"))));
+    }
+    sheet += &format!(
+        "\n[{}](troubleshooting.md) · [{}](operating.md#the-states-of-an-axis) · {}: {}\n",
+        own("/more/0"),
+        own("/more/1"),
+        own("/other"),
+        others.join(", "),
+    );
+    sheet
 }

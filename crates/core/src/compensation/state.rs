@@ -61,9 +61,9 @@ impl AxisState {
     /// Every name, for those who count them.
     pub const NAMES: [&'static str; 6] = ["off", "active", "degraded", "holding", "ramping", "zeroed"];
 
-    /// The words that people see for them, on the page and in events.
+    /// Words of events for the decided states. "At zero" is not among them: it is said of a verified value alone.
     const DISPLAYED: [&'static str; 6] =
-        ["off", "compensating", "fallback model", "frozen", "returning to zero", "at zero"];
+        ["off", "compensating", "fallback model", "frozen", "returning to zero", "zero requested"];
 
     /// The word that people see for the state of this name; a name that is none is its own word.
     pub fn display_of(name: &str) -> &str {

@@ -18,7 +18,9 @@ pub(super) fn messages(settings: &JsonSettings, snapshot: &Snapshot) -> Vec<Mess
 fn is_shown(metric: &Metric) -> bool {
     match metric.subject {
         Subject::Signal(_) => metric.name == "value",
-        Subject::Axis(_) => matches!(metric.name, "state" | "cz_um" | "verified_um"),
+        Subject::Axis(_) => {
+            matches!(metric.name, "verified_um" | "verified_age_s" | "shown" | "state" | "cz_um")
+        }
         Subject::Gateway => metric.name == "alarms",
         Subject::Output(_) | Subject::Device(_) | Subject::Bus(_) => false,
     }

@@ -1,0 +1,202 @@
+//! Each event that tells of trouble has its cause and what to do as fields of their own.
+
+use std::time::Duration;
+
+use super::*;
+
+/// One event of each kind that tells of trouble.
+fn troubles() -> Vec<Event> {
+    let name = || "z".to_owned();
+    let um = |um| Micron::new(um).unwrap();
+    let (way, who) = (Way::Page, "10.0.0.7".to_owned());
+    let axis_state = |to| {
+        let why = "bed has an open circuit".into();
+        Event::AxisState { axis: name(), from: "active", to, why, stopping: false }
+    };
+    let handshake = |fault| {
+        let cause = "within 500 ms".into();
+        Event::Handshake { set: "set plc".into(), fault, register: "coil:1".into(), cause }
+    };
+    let stand_in = |frozen| {
+        let (axis, signal, span) = (name(), "bed".to_owned(), Duration::from_secs(9));
+        Event::StandIn(StandIn::Taken { axis, signal, frozen, span, others: None })
+    };
+    let moved = |moved| Event::SignChecked { axis: name(), moved, way, who: who.clone() };
+    let mut all = vec![
+        Event::LinkDown { bus: name(), address: "a:1".into(), fault: "closed".into() },
+        Event::DeviceLost { device: name(), at: " (unit 2)".into(), fault: "no answer".into() },
+        Event::NotAsExpected { device: name(), found: "holding:7 is 3".into() },
+        Event::SignalBad { signal: name(), reason: "open circuit".into() },
+        Event::Rereferenced { signal: name(), unit: "mm".into(), from: 1.0, to: 2.0 },
+        axis_state("degraded"),
+        axis_state("holding"),
+        axis_state("ramping"),
+        axis_state("zeroed"),
+        Event::CommandRefused {
+            command: "arm".into(),
+            axes: vec![],
+            way,
+            who: who.clone(),
+            why: "no model".into(),
+        },
+        Event::CommandDropped {
+            command: "arm".into(),
+            axes: vec![],
+            way,
+            who: who.clone(),
+            why: "gone".into(),
+        },
+        Event::ArmEnded { axis: name(), why: "expired".into() },
+        moved(Moved::Minus),
+        moved(Moved::None),
+        Event::SignEnded { axis: name(), why: "frozen".into() },
+        Event::Disarmed { axis: name(), why: "something else wrote".into() },
+        Event::ArmRefused { axis: name(), why: "beyond its limit".into() },
+        Event::AtLimit { axis: name(), wanted: um(60.0), limit: um(40.0) },
+        Event::Warned { axis: name(), cz: um(31.0), warn: um(30.0) },
+        Event::BeyondError { axis: name(), wanted: um(60.0), error: um(50.0) },
+        Event::Extrapolating { axis: name(), how: "bed is too warm".into() },
+        Event::ProbeRefused { axis: name(), error: Some(um(7.0)), why: "too far".into() },
+        Event::ProbeRefused { axis: name(), error: None, why: "no result".into() },
+        Event::ModelAges { axis: name(), residual: um(7.0), warn: um(5.0) },
+        Event::Saturated { output: name(), wanted: 40_000.0 },
+        Event::NotApplied {
+            output: name(),
+            stands: "1 µm".into(),
+            applies: "0 µm".into(),
+            register: "r".into(),
+        },
+        Event::WriteFailed { output: name(), fault: "refused".into() },
+        Event::ReadFailed { output: name(), fault: "refused".into() },
+        Event::HeartbeatFailed { device: name(), place: "r".into(), fault: "refused".into() },
+        Event::ForeignChange { output: name(), expected: "1".into(), found: "2".into() },
+        Event::OwnWriteLate { output: name(), value: "1".into(), sent: "14:03".into() },
+        Event::PerhapsFromBefore { output: name(), value: "1".into() },
+        Event::WaitsForLateWrite { output: name(), seconds: 30 },
+        Event::FirstAccount { output: name(), holds: "3".into() },
+        Event::LedgerDoubt { output: name(), why: "it holds 3".into() },
+        Event::CncRestarted { output: name(), expected: "3".into() },
+        Event::TemplateChanged { template: name(), changes: "a key".into() },
+        Event::CncBooted { device: name(), from: 1.0, to: 2.0 },
+        Event::NodeReset { device: name(), node: 5, what: "was reset".into() },
+        Event::Emergency { device: name(), what: "0x1000".into() },
+        Event::BusTrouble { bus: name(), address: "can0".into(), what: "bus off".into() },
+        Event::Overrun { bus: name(), what: "a read".into(), late: Duration::from_millis(30) },
+        Event::PipelineGivenUp { bus: name(), fault: "no answer".into() },
+        Event::Subscription { device: name(), what: "the server sends slower".into() },
+        Event::StoodStill { span: Duration::from_secs(9) },
+        Event::TaskFailed { task: name(), why: "it ended".into() },
+        Event::ClockSet(Correction { from: Moment::default(), to: Moment::default() }),
+        Event::ClockDoubtful { last: Moment::default() },
+        Event::NotExclusive { why: "no socket".into() },
+        Event::NotKept { what: "the log".into(), why: "the disk is full".into() },
+        Event::NotBelieved { why: "it is damaged".into() },
+        Event::HandoverRefused { why: "another process".into() },
+        Event::TakenFromEarlier { what: "state", version: 3, kept: "it is kept".into() },
+        Event::EventsLost { count: 3 },
+        Event::EventsFull { bytes: 1 << 20 },
+        stand_in(true),
+        stand_in(false),
+        Event::Page(PagePort::Closed { listen: "a:1".into(), why: "taken".into() }),
+        Event::Token(PageToken::Gone { role: "viewer", why: "deleted".into() }),
+        Event::Broker(Broker::Down { broker: name(), why: "no answer".into() }),
+        Event::Broker(Broker::Dropped { broker: name(), count: 3 }),
+        Event::Broker(Broker::NotKept { broker: name(), why: "the disk is full".into() }),
+        Event::Delivery(Delivery::Failed { notify: name(), to: "b".into(), why: "no answer".into() }),
+        Event::Delivery(Delivery::Dropped { notify: name(), to: "b".into(), count: 3 }),
+    ];
+    all.extend([true, false].map(|is_in_a_node| {
+        let (wrote, found) = ("1".to_owned(), "2".to_owned());
+        Event::VerifyFailed { output: name(), wrote, found, is_in_a_node }
+    }));
+    all.extend(
+        [
+            HandshakeFault::AcknowledgeEarly,
+            HandshakeFault::StrobeNotWritten,
+            HandshakeFault::AcknowledgeMissing,
+            HandshakeFault::AcknowledgeNotRead,
+            HandshakeFault::StrobeNotDropped,
+            HandshakeFault::AcknowledgeStuck,
+        ]
+        .map(handshake),
+    );
+    #[cfg(feature = "opcua")]
+    all.extend([(Whose::Gateway, true), (Whose::User, false), (Whose::Server, false)].map(
+        |(whose, is_over)| {
+            let (bus, file) = (name(), "own.der".to_owned());
+            Event::Certificate(Expiry { bus, file, whose, until: Moment::default(), is_over })
+        },
+    ));
+    all
+}
+
+/// Kinds of which nothing is to be done, or whose cause says it.
+const NOTHING_TO_DO: [&str; 2] = ["command-refused", "taken-from-earlier"];
+
+#[test]
+fn each_event_that_tells_of_trouble_has_cause_and_hint_and_a_sentence_of_both() {
+    let mut without = Vec::new();
+    for event in troubles() {
+        let Entry { kind, level, text, data, .. } = event.entry(Moment::default());
+        assert_ne!(level, Level::Info, "{kind}");
+        let field = |name: &str| data[name].as_str().unwrap_or_default().to_owned();
+        let (cause, hint) = (field("cause"), field("hint"));
+        let is_bare = NOTHING_TO_DO.contains(&&*kind);
+        let says_both = text.contains(&cause) && (is_bare || text.ends_with(&hint));
+        if cause.is_empty() || !says_both || (hint.is_empty() && !is_bare) {
+            without.push(format!("{kind}: {text}"));
+        }
+        assert!(text.matches(&hint).count() <= 1 || hint.is_empty(), "{kind} says its hint twice: {text}");
+    }
+    assert!(without.is_empty(), "{} of {}:\n{}", without.len(), troubles().len(), without.join("\n"));
+}
+
+/// What can be posted and tells of trouble is in the list above.
+#[test]
+fn no_kind_of_trouble_is_missing_from_the_list() {
+    let known: Vec<String> =
+        troubles().iter().map(|event| event.entry(Moment::default()).kind.into()).collect();
+    let others = [
+        "axis-off",
+        "alarm",
+        "alarm-over",
+        "unverified",
+        "clock",
+        "started",
+        "stopping",
+        "stopped",
+        "link-up",
+        "device-back",
+        "as-expected",
+        "signal-good",
+        "command",
+        "waits-to-arm",
+        "armed",
+        "goes-on",
+        "interpolating",
+        "probed",
+        "probe-forgotten",
+        "heartbeat-written",
+        "verified",
+        "not-read-back",
+        "operator-change",
+        "ledger-opened",
+        "emergency-over",
+        "bus-well",
+        "interlocked",
+        "released",
+        "machine-started",
+        "zeroed",
+        "logs-deleted",
+        "kept-again",
+        "stand-in-over",
+        "page-open",
+        "token-changed",
+        "broker-up",
+        "notify-back",
+    ];
+    for kind in isotherm_profile::TRIGGERS {
+        let is_built_in = cfg!(feature = "opcua") || !kind.starts_with("certificate");
+        assert_eq!(known.iter().any(|known| known == kind), !others.contains(&kind) && is_built_in, "{kind}");
+    }
+}
