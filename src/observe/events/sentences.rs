@@ -329,6 +329,14 @@ impl Event {
                 "handover-refused",
                 format!("{why}; every axis starts as after a stop: arm those that are off"),
             ),
+            Event::ProfileDiffers { profile, files } => warning(
+                "profile-differs",
+                format!(
+                    "changed after the new program had checked the profile, and not used: {}; to use what is there now: \
+                     `isotherm restart {profile} --keep`",
+                    listed(files)
+                ),
+            ),
             Event::TakenFromEarlier { what, version, kept } => warning(
                 "taken-from-earlier",
                 format!("the {what} of an earlier version of the program (layout {version}) is used; {kept}"),
