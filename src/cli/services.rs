@@ -26,7 +26,7 @@ pub(super) struct Sockets {
 /// A page that is to be served.
 enum Page {
     /// At this port, which is open or will be.
-    At(Port),
+    At(Box<Port>),
     /// As soon as everything that it needs can be read.
     Later(Web),
 }
@@ -45,7 +45,7 @@ impl Sockets {
         let mut port = Port::new(web)?;
         port.open().map_err(|error| anyhow::anyhow!("{}", port.closed(&error)))?;
         let url = port.url();
-        self.page = Some(Page::At(port));
+        self.page = Some(Page::At(Box::new(port)));
         Ok(url)
     }
 
@@ -60,7 +60,7 @@ impl Sockets {
             anyhow::bail!("{}", port.closed(error));
         }
         let url = opened.is_ok().then(|| port.url());
-        self.page = Some(Page::At(port));
+        self.page = Some(Page::At(Box::new(port)));
         Ok(url)
     }
 
@@ -110,7 +110,7 @@ impl Sockets {
         let page = async {
             let port = match self.page {
                 None => return std::future::pending().await,
-                Some(Page::At(port)) => port,
+                Some(Page::At(port)) => *port,
                 Some(Page::Later(web)) => Port::found(&web, source.as_ref()).await,
             };
             report("the page", serve_page(port, &source, shares.page, stopped.clone()).await);

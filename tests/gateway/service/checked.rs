@@ -333,7 +333,7 @@ fn however_a_check_fails_and_however_long_it_takes_the_old_gateway_runs_on() {
 #[test]
 fn a_check_that_leaves_processes_behind_is_judged_by_its_own_end_and_one_that_hangs_is_ended_with_them() {
     let mut service = Service::start(|text| text + HEARTBEAT);
-    replace(&service, "sleep 1000 &\nexit 7", "exit 3");
+    replace(&service, "sleep 20 &\nexit 7", "exit 3");
     let (code, said) = service.restart(&[]);
     assert_eq!((code, said.contains("ended with exit status: 7")), (Some(1), true), "{said}");
     let waits = "touch \"$HOME/checking\"; sleep 1000 & echo $! > \"$HOME/left\"; sleep 1000";
