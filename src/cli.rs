@@ -56,6 +56,7 @@ mod report;
 mod restart;
 mod restore;
 mod run;
+mod run_profile;
 mod running;
 #[cfg(feature = "identify")]
 mod runs;
@@ -180,7 +181,7 @@ enum Verb {
 }
 
 /// A profile and what is laid over it.
-#[derive(Args, Debug)]
+#[derive(Args, Clone, Debug)]
 struct ProfileArguments {
     /// The machine's profile, or the name of a shipped one
     #[arg(value_name = "PROFILE")]
@@ -280,8 +281,13 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Man(arguments) => man::run(&arguments),
     };
     // What has been logged stands before what is said last.
-    drop(log);
-    let done = replacement.map_or(done, |replacement| Err(replacement.take_over()));
+    let done = match replacement {
+        Some(replacement) => Err(replacement.take_over(log)),
+        None => {
+            drop(log);
+            done
+        }
+    };
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if error.is::<WrongProfile>() => ExitCode::from(64),
@@ -363,7 +369,11 @@ fn warned(loaded: Loaded) -> Profile {
 /// A profile with a model for one of its axes at least: one in the making is recorded and identified, but nothing can
 /// follow it.
 fn load_modelled(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Loaded> {
-    let loaded = load_quietly(&arguments.path, &arguments.set, json)?;
+    modelled(&arguments.path, load_quietly(&arguments.path, &arguments.set, json)?)
+}
+
+/// The profile of this path, if it has such a model.
+fn modelled(path: &Path, loaded: Loaded) -> anyhow::Result<Loaded> {
     let axes = &loaded.profile.axes;
     let unmodelled: Vec<&str> = axes.iter().map(|axis| axis.settings.name.as_str()).collect();
     if axes.is_empty() || axes.iter().any(Axis::has_model) {
@@ -371,7 +381,7 @@ fn load_modelled(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Loa
     }
     anyhow::bail!(
         "{}: axis {} has no model, so there is nothing to compensate with; {}",
-        arguments.path.display(),
+        path.display(),
         unmodelled.join(", "),
         how_to_find_a_model(&loaded.profile, 0)
     )
@@ -379,16 +389,24 @@ fn load_modelled(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Loa
 
 /// A profile, its warnings left to the caller.
 fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Result<Loaded> {
+    let environment = isotherm_profile::environment();
+    load_by(path, json, || match shipped(path) {
+        Some((path, text)) => isotherm_profile::parse_with(&path, text, &machines::FILES, set, &environment),
+        None => isotherm_profile::load(path, set, &environment),
+    })
+}
+
+/// A shipped machine may be named without having its file.
+fn shipped(path: &Path) -> Option<(PathBuf, &'static str)> {
+    path.to_str().filter(|_| !path.exists()).and_then(machines::text)
+}
+
+/// The profile that `load` gives, with everything checked that only this program can.
+fn load_by(path: &Path, json: bool, load: impl FnOnce() -> Result<Loaded, Errors>) -> anyhow::Result<Loaded> {
     // A file that a profile names may be large.
     #[cfg(any(feature = "identify", feature = "place"))]
     let _checking = progress::Progress::begin("checking the profile");
-    let environment = isotherm_profile::environment();
-    // A shipped machine may be named without having its file.
-    let shipped = path.to_str().filter(|_| !path.exists()).and_then(machines::text);
-    let loaded = match shipped {
-        Some((path, text)) => isotherm_profile::parse_with(&path, text, &machines::FILES, set, &environment),
-        None => isotherm_profile::load(path, set, &environment),
-    };
+    let loaded = load();
     let loaded = loaded.and_then(|loaded| tls::check(&loaded.profile).map(|()| loaded));
     let loaded = loaded.and_then(|loaded| opcua_check::check(&loaded.profile).map(|()| loaded));
     let loaded = loaded.and_then(|loaded| broker::check(&loaded.profile).map(|()| loaded));

@@ -22,7 +22,7 @@ use crate::observe::events::{Event, EventListener, Journal, file};
 use crate::observe::status::{BrokerFigures, Source};
 use isotherm_core::border::panic_message;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{AxisId, Bus, BusId, OnStop, Output, Profile};
+use isotherm_profile::{AxisId, Bus, BusId, OnStop, Output, Profile, stop};
 
 mod arming;
 pub mod backup;
@@ -80,14 +80,16 @@ use left::Left;
 use line_handle::LineHandle;
 use panel::Panel;
 use poll::LineTask;
-use shared::Shared;
+use shared::{LineWork, Shared};
 use storage::Storage;
 use watch::Watch;
 
 pub use disk::{Disk, Files, make_directory};
-pub use handover::{Handover, digest_path};
+pub use handover::{
+    Arrival, Handover, KeptProfile, Prepared, answer_of_check, digest_path, memory_for_profile,
+};
 pub use left::may_start;
-pub use successor::{CHECK_ONLY, Program, Successor};
+pub use successor::{CHECK_ONLY, Checked, Program, Successor};
 pub use why::how_to_find_a_model;
 pub use wire_log::WireLog;
 
@@ -98,6 +100,10 @@ const LAST_PATIENCE: Duration = Duration::from_secs(5);
 
 /// How often a service manager hears that a stop goes on.
 const TOLD_EVERY: Duration = Duration::from_secs(1);
+/// How often it is checked whether fault actions have come to their end.
+const ENDED_EVERY: Duration = Duration::from_millis(100);
+/// How often it is checked whether nothing is under way any more. Nothing is decided meanwhile.
+const SETTLED_EVERY: Duration = Duration::from_millis(5);
 
 /// So many events from before the start are shown.
 const RECALLED: usize = 100;
@@ -303,17 +309,37 @@ impl Gateway {
             },
         };
         self.release_strobes().await;
+        // The lines poll and beat while the disk takes what the next program needs.
+        let kept = match asked {
+            None if self.outputs_rest(lines.len()).await => Some(self.keep().await),
+            _ => None,
+        };
         self.take_leave(&mut tasks, &lines).await;
         // No time passes any more, however long the tasks and the disk take to come to their end.
         let _hold = self.shared.clock.hold();
         tasks.shutdown().await;
+        let (left, failed) = match kept {
+            Some(kept) => kept,
+            None => self.keep().await,
+        };
+        let handover = asked.is_none().then(|| self.handover());
+        Outcome { failed, rested, left, handover }
+    }
+
+    /// Puts state, ledger, logs and events on disk. What stays in the registers, and whether something failed inside.
+    async fn keep(&self) -> (String, bool) {
         let left = ending::what_is_left(&self.shared);
         self.shared.report(&Event::Stopped { left: left.clone() });
         ending::end_registers(&self.shared);
         self.shared.ledger.finish(LAST_PATIENCE).await;
-        let failed = self.keep_for_the_last_time();
-        let handover = asked.is_none().then(|| self.handover());
-        Outcome { failed, rested, left, handover }
+        (left, self.keep_for_the_last_time().await)
+    }
+
+    /// Lets the outputs of all lines rest, and waits until none is under way. `false` if that takes too long.
+    async fn outputs_rest(&self, lines: usize) -> bool {
+        self.shared.limit_lines(LineWork::WithoutOutputs);
+        let within = stop::hold(&self.shared.profile);
+        self.wait_until((within, SETTLED_EVERY), |shared| shared.resting_lines() >= lines).await
     }
 
     /// What a newer program brings in its templates is told once, at its first start.
@@ -346,7 +372,7 @@ impl Gateway {
         };
         service_manager::stopping(does, within);
         match how {
-            OnStop::FaultAction => self.wait_until(within, ending::at_rest).await,
+            OnStop::FaultAction => self.wait_until((within, ENDED_EVERY), ending::at_rest).await,
             OnStop::Hold => {
                 self.settled(within).await;
                 true
@@ -364,7 +390,7 @@ impl Gateway {
 
     /// A register that is not known to have settled is no failure of a stop that moves nothing: the next start waits for it.
     async fn settled(&self, within: Duration) {
-        let _ = self.wait_until(within, ending::has_settled).await;
+        let _ = self.wait_until((within, SETTLED_EVERY), ending::has_settled).await;
     }
 
     fn handover(&self) -> Handover {
@@ -373,7 +399,7 @@ impl Gateway {
     }
 
     /// Puts the state on disk. Whether something failed inside.
-    fn keep_for_the_last_time(&self) -> bool {
+    async fn keep_for_the_last_time(&self) -> bool {
         let mut core = self.shared.core();
         let mut storage = std::mem::take(&mut core.storage);
         let now = self.shared.clock.now();
@@ -381,7 +407,12 @@ impl Gateway {
         storage.remember((now, true), &core.compensation, &self.shared.profile, core.outputs.states());
         let failed = core.failed;
         drop(core);
-        storage.finish();
+        // The disk is waited for elsewhere: the lines may still be polled here.
+        let mut finish = move || storage.finish();
+        match self.options.has_threads {
+            true => drop(tokio::task::spawn_blocking(finish).await),
+            false => finish(),
+        }
         failed
     }
 
@@ -472,7 +503,7 @@ impl Gateway {
             lines.iter().filter_map(|(id, bus)| Some((*id, kept(*bus)?.timeout))).collect();
         // One request may be under way, for its timeout; the farewell has its own.
         let Some(longest) = open.values().max().map(|timeout| *timeout * 2) else { return };
-        self.shared.end();
+        self.shared.limit_lines(LineWork::Leave);
         let closed = async {
             while !open.is_empty()
                 && let Some(ended) = tasks.join_next_with_id().await
@@ -487,8 +518,12 @@ impl Gateway {
         }
     }
 
-    /// Waits until this is so; `false` where it takes too long.
-    async fn wait_until(&self, within: Duration, is_over: impl Fn(&Shared) -> bool) -> bool {
+    /// Waits until this is so, and checks it so often; `false` if it takes too long.
+    async fn wait_until(
+        &self,
+        (within, every): (Duration, Duration),
+        is_over: impl Fn(&Shared) -> bool,
+    ) -> bool {
         let mut sleeper = self.shared.clock.join();
         let deadline = sleeper.now().after(within);
         let mut told = sleeper.now();
@@ -501,7 +536,7 @@ impl Gateway {
                 told = now;
                 service_manager::takes(deadline.since(now));
             }
-            sleeper.sleep(Duration::from_millis(100)).await;
+            sleeper.sleep(every).await;
         }
         true
     }

@@ -59,6 +59,39 @@ impl Port {
         Ok(Port { listen: web.listen.clone(), addresses, admission, certificate, opened })
     }
 
+    /// The port of a page as soon as everything can be read that it asks and shows, opened if nobody else has it.
+    pub(super) async fn found(web: &Web, source: &dyn Source) -> Port {
+        let mut is_reported = false;
+        loop {
+            let settings = web.clone();
+            // A name server may be silent; commands are answered meanwhile.
+            let read = tokio::task::spawn_blocking(move || Port::new(&settings)).await;
+            match read.map_err(anyhow::Error::from).flatten() {
+                Ok(mut port) => {
+                    if port.open().is_ok() {
+                        port.announce(is_reported.then_some(source));
+                    }
+                    return port;
+                }
+                Err(why) if !std::mem::replace(&mut is_reported, true) => {
+                    let (listen, why) = (web.listen.clone(), format!("{why:#}"));
+                    source.report(&Event::Page(PagePort::Closed { listen, why }));
+                }
+                Err(_) => {}
+            }
+            tokio::time::sleep(AGAIN).await;
+        }
+    }
+
+    /// Prints where the page is. `source` gets the event if it has an earlier one that says that the page is closed.
+    fn announce(&self, source: Option<&dyn Source>) {
+        // A machine does not stand still because nobody reads this.
+        let _ = say!("page {}", self.url());
+        if let Some(source) = source {
+            source.report(&Event::Page(PagePort::Open { listen: self.listen.clone() }));
+        }
+    }
+
     pub(super) fn open(&mut self) -> std::io::Result<()> {
         let bound = TcpListener::bind(self.addresses.as_slice()).and_then(|listener| {
             listener.set_nonblocking(true)?;
@@ -108,9 +141,7 @@ impl Port {
                     break;
                 }
             }
-            // A machine does not stand still because nobody reads this.
-            let _ = say!("page {}", self.url());
-            source.report(&Event::Page(PagePort::Open { listen: self.listen.clone() }));
+            self.announce(Some(source));
         }
         let listener = tokio::net::TcpListener::from_std(self.opened.map_err(Error::other)?)?;
         Ok((listener, self.admission, self.certificate))

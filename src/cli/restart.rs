@@ -47,8 +47,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
     })?;
     let socket = gateway.socket(&loaded.profile)?;
-    // The other program does the same check.
-    let within = SHORTEST.max((clock.passed() - begun) * 3);
+    let within = limit(clock.passed() - begun);
     let replaced = control::restart(&socket, within, |said| say_beside!("{said}"));
     let status = match replaced {
         Err(Failure::WrongProfile(why)) => {
@@ -58,6 +57,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         replaced => ready(&socket, replaced?),
     };
     gateway.print(Ok(Answer::Done(sentence(&status))))
+}
+
+/// Time that the other program has for its check, and again for its start. It makes the check that took this verb so long.
+fn limit(own_check: Duration) -> Duration {
+    SHORTEST.max(own_check * 3)
 }
 
 /// The state of the gateway that has taken over, once it is ready or has had its time.
@@ -115,6 +119,13 @@ fn name_in(text: &str) -> Option<&str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_other_program_has_ten_seconds_or_three_times_as_long_as_this_check() {
+        for (own, limit) in [(0, 10_000), (3_333, 10_000), (3_334, 10_002), (40_000, 120_000)] {
+            assert_eq!(self::limit(Duration::from_millis(own)), Duration::from_millis(limit));
+        }
+    }
 
     #[test]
     fn the_name_of_a_machine_is_found_where_the_profile_is_wrong() {

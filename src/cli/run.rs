@@ -1,31 +1,36 @@
 //! `isotherm run`: the gateway.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use anyhow::Context;
+use tracing_appender::non_blocking::WorkerGuard;
 
 #[cfg(feature = "mqtt")]
 use super::broker;
 use super::notices;
 use super::port::Port;
-use super::services::Sockets;
+use super::run_profile::{self, RunProfile};
+use super::services::{Services, Sockets};
 use super::signals::Signals;
-use super::{ProfileArguments, load_modelled, volume, warned};
+use super::{ProfileArguments, volume, warned};
 use crate::cli::say::{say, say_beside};
 use crate::clock::Clock;
 use crate::gateway::{
-    CHECK_ONLY, Gateway, Handover, Options, Program, claims, control, digest_path, make_directory, may_start,
+    Arrival, CHECK_ONLY, Checked, Gateway, Handover, KeptProfile, Options, Prepared, Program,
+    answer_of_check, claims, control, digest_path, make_directory, may_start,
 };
 use crate::observe::events::Event;
 use crate::observe::notify::{Outboxes, Rules};
 use crate::observe::status::BrokerFigures;
-use isotherm_profile::{DeviceId, Profile, Web, plan};
+use isotherm_profile::{DeviceId, Profile, Sources, Web, plan};
 
 /// What the log still has to say when the program gives up.
 const LAST_WORDS: Duration = Duration::from_millis(200);
+/// How long the log may take before another program begins: no line is polled meanwhile.
+const LOG_WRITTEN_WITHIN: Duration = Duration::from_millis(50);
 
 /// The gateway: polls, computes, writes, until SIGTERM or Ctrl-C.
 ///
@@ -52,28 +57,61 @@ pub(super) struct Arguments {
     check_only: Option<PathBuf>,
 }
 
-/// A program that is to take the place of this one.
+/// A program that is to take the place of this one, and everything that it is given.
 pub(super) struct Replacement {
     program: Program,
-    handover: Option<File>,
+    handover: Handover,
+    checked: Option<Checked>,
+    /// The profile of this program, which begins again if the other one cannot be started any more.
+    own: Option<KeptProfile>,
+    /// Where the digest of a handover lies.
+    digest: PathBuf,
+    /// They answer until the other program begins.
+    _services: Services,
 }
 
 impl Replacement {
     /// Becomes it; if it cannot be started any more, the program that ran before goes on in its place.
-    pub(super) fn take_over(self) -> anyhow::Error {
-        let why = self.program.takes_over(self.handover.as_ref());
+    pub(super) fn take_over(self, log: WorkerGuard) -> anyhow::Error {
+        let Replacement { program, handover, checked, own, digest, .. } = self;
+        let seal = |prepared: std::io::Result<Prepared>| {
+            let sealed = prepared.and_then(|prepared| handover.seal(prepared, &digest));
+            let report = |error: &std::io::Error| {
+                let what = "nothing is handed over to the new program, which starts as after any stop";
+                say_beside!("isotherm: {what}: {error}");
+            };
+            sealed.inspect_err(report).ok()
+        };
+        let sealed = seal(checked.map_or_else(|| Prepared::with(None), |checked| Ok(checked.prepared)));
+        write_log(log);
+        let why = program.start(sealed.as_ref());
         say_beside!("isotherm: {why}; the program that ran before goes on in its place");
-        let error = self.program.begins_anew(self.handover.as_ref());
+        let error = program.start_own_image(seal(Prepared::with(own.as_ref())).as_ref());
         anyhow::anyhow!("nothing has taken the place of this gateway, which has ended: {error}")
     }
 }
 
+/// Writes what waits to be logged. A reader that does not read holds up nobody.
+fn write_log(log: WorkerGuard) {
+    let (written, is_written) = channel();
+    std::thread::spawn(move || {
+        drop(log);
+        let _ = written.send(());
+    });
+    let _ = is_written.recv_timeout(LOG_WRITTEN_WITHIN);
+}
+
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> {
     let program = Program::of_this_process();
-    let profile = warned(load_modelled(&arguments.profile, false)?);
     if let Some(socket) = &arguments.check_only {
-        return check(arguments, &profile, socket).map(|()| None);
+        return check(arguments, socket).map(|()| None);
     }
+    let arrival = Arrival::take();
+    let handed_over = handed_over(arguments, &arrival)?;
+    let takes_over = handed_over.is_some();
+    let RunProfile { loaded, kept } =
+        handed_over.map_or_else(|| RunProfile::from_disk(&arguments.profile), Ok)?;
+    let profile = warned(loaded);
     for overridden in &profile.overridden {
         tracing::info!("{overridden}");
     }
@@ -103,16 +141,21 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         false => claims::claim(&profile, &directory).map_err(anyhow::Error::msg)?,
     };
     let mut sockets = Sockets::default();
-    if let Some(web) = web(arguments.listen.as_deref(), &profile)
-        && let Some(url) = sockets.open_page_now_or_later(&web)?
-    {
-        // A machine does not stand still because nobody reads this.
-        let _ = say!("page {url}");
+    match web(arguments.listen.as_deref(), &profile) {
+        // The machine does not wait for it: this program has checked the page, and its files may be gone by now.
+        Some(web) if takes_over => sockets.open_page_later(web),
+        Some(web) => {
+            if let Some(url) = sockets.open_page_now_or_later(&web)? {
+                // A machine does not stand still because nobody reads this.
+                let _ = say!("page {url}");
+            }
+        }
+        None => {}
     }
     sockets.open_control(&directory, &profile.name)?;
     // Not before the socket is this gateway's: another one that runs may just be handing over.
     let digest = digest_path(&directory, &profile.name);
-    options.handover = Handover::receive(&digest);
+    options.handover = arrival.accept(&digest);
     for (place, device) in profile.devices.iter().enumerate() {
         let (name, requests) = (&device.name, profile.register_requests(DeviceId(place)));
         tracing::info!("device {name}: {}", plan::summary(&requests));
@@ -120,7 +163,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
             tracing::info!("device {name}: {request}: {}", request.signals(&profile).join(", "));
         }
     }
-    let outcome = super::runtime()?.block_on(async {
+    let runtime = super::runtime()?;
+    let outcome = runtime.block_on(async {
         let signals = Signals::listen()?.count();
         // An error would mean that nobody counts any more.
         let after = |times: u32| {
@@ -132,10 +176,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         #[cfg(feature = "mqtt")]
         let published = profile.clone();
         let gateway = Gateway::new(profile, &Clock::wall(), options);
-        sockets.successor = program.as_ref().ok().map(|program| gateway.successor(program.clone(), socket));
+        let successor = program.as_ref().ok().map(|program| gateway.successor(program.clone(), socket));
+        sockets.successor = successor.clone();
         let source = gateway.source();
         unseen.into_iter().for_each(|why| source.report(&Event::NotExclusive { why }));
-        let _services = sockets.serve(&source, gateway.wire_log(), lines)?;
+        let services = sockets.serve(&source, gateway.wire_log(), lines)?;
+        if takes_over {
+            run_profile::report_differences(kept.as_ref(), &arguments.profile, &source);
+        }
         #[cfg(feature = "mqtt")]
         let publishing = broker::publish(&published, &source, figures.as_ref(), &directory)?;
         let report = Arc::new(move |delivery| source.report(&Event::Delivery(delivery)));
@@ -158,8 +206,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
             tokio::join!(published, posted);
         };
         posted.await;
-        anyhow::Ok(outcome)
-    })?;
+        anyhow::Ok((outcome, successor.and_then(|successor| successor.take_checked()), services))
+    });
+    // A name that is still looked up holds up nobody.
+    runtime.shutdown_background();
+    let (outcome, checked, services) = outcome?;
     anyhow::ensure!(!outcome.failed, "something failed inside (see above); {}", outcome.left);
     anyhow::ensure!(
         outcome.rested,
@@ -167,14 +218,22 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         outcome.left
     );
     let Some((handover, program)) = outcome.handover.zip(program.ok()) else { return Ok(None) };
-    let handover = handover.seal(&digest).inspect_err(|error| {
-        tracing::error!("nothing is handed over to the new program, which starts as after any stop: {error}");
-    });
-    Ok(Some(Replacement { program, handover: handover.ok() }))
+    Ok(Some(Replacement { program, handover, checked, own: kept, digest, _services: services }))
+}
+
+/// The profile that the program before this one in the same process has handed over. `None` if there is none that is accepted.
+fn handed_over(arguments: &Arguments, arrival: &Arrival) -> anyhow::Result<Option<RunProfile>> {
+    let Some(kept) = arrival.profile() else { return Ok(None) };
+    let Some(run_profile) = RunProfile::handed_over(&arguments.profile, kept)? else { return Ok(None) };
+    let profile = &run_profile.loaded.profile;
+    let digest = digest_path(&state_path(arguments.state.as_deref(), profile), &profile.name);
+    Ok(arrival.is_announced(&digest).then_some(run_profile))
 }
 
 /// What keeps this program from running in the place of the gateway with this command socket.
-fn check(arguments: &Arguments, profile: &Profile, socket: &Path) -> anyhow::Result<()> {
+fn check(arguments: &Arguments, socket: &Path) -> anyhow::Result<()> {
+    let (loaded, sources) = run_profile::read(&arguments.profile, answer_of_check())?;
+    let profile = &warned(loaded);
     let directory = state_directory(arguments.state.as_deref(), profile)?;
     let own = control::path(&directory, &profile.name);
     anyhow::ensure!(
@@ -189,7 +248,10 @@ fn check(arguments: &Arguments, profile: &Profile, socket: &Path) -> anyhow::Res
     if !arguments.dry_run {
         claims::could_claim(profile, &directory).map_err(anyhow::Error::msg)?;
     }
-    web(arguments.listen.as_deref(), profile).map_or(Ok(()), |web| Port::new(&web).map(drop))
+    web(arguments.listen.as_deref(), profile).map_or(Ok(()), |web| Port::new(&web).map(drop))?;
+    // A script around this program may print something afterwards.
+    let seal = |sources: Sources| KeptProfile::seal(sources.finish()?.0).map(drop);
+    sources.map_or(Ok(()), seal).context("the profile cannot be handed over")
 }
 
 /// The page of the profile, at another address where one is given.
@@ -201,14 +263,19 @@ fn web(listen: Option<&str>, profile: &Profile) -> Option<Web> {
 /// The option, the profile, or where the platform keeps such things; made if it is not there. From the root on, so that
 /// others find the command socket by the kernel's list, unless no socket's path may be as long.
 fn state_directory(option: Option<&Path>, profile: &Profile) -> anyhow::Result<PathBuf> {
-    let directory = known_directory(option.or(profile.history.directory.as_deref()));
-    let from_root = std::path::absolute(&directory).ok();
-    let from_root = from_root.filter(|path| control::too_long(&control::path(path, &profile.name)).is_none());
-    let directory = from_root.unwrap_or(directory);
+    let directory = state_path(option, profile);
     make_directory(&directory).with_context(|| {
         format!("the state directory {} cannot be made; name another with --state", directory.display())
     })?;
     Ok(directory)
+}
+
+/// Path of that directory, whether it is there or not.
+fn state_path(option: Option<&Path>, profile: &Profile) -> PathBuf {
+    let directory = known_directory(option.or(profile.history.directory.as_deref()));
+    let from_root = std::path::absolute(&directory).ok();
+    let from_root = from_root.filter(|path| control::too_long(&control::path(path, &profile.name)).is_none());
+    from_root.unwrap_or(directory)
 }
 
 /// The one that is named, or where the platform keeps such things.

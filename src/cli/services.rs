@@ -17,10 +17,18 @@ use isotherm_profile::Web;
 /// Sockets that are open and not yet served: whatever is wrong with them is known before the loop starts.
 #[derive(Default)]
 pub(super) struct Sockets {
-    page: Option<Port>,
+    page: Option<Page>,
     control: Option<(std::os::unix::net::UnixListener, PathBuf)>,
     /// What can take the place of the gateway.
     pub(super) successor: Option<Successor>,
+}
+
+/// A page that is to be served.
+enum Page {
+    /// At this port, which is open or will be.
+    At(Box<Port>),
+    /// As soon as everything that it needs can be read.
+    Later(Web),
 }
 
 /// The running services; dropping them ends them.
@@ -37,7 +45,7 @@ impl Sockets {
         let mut port = Port::new(web)?;
         port.open().map_err(|error| anyhow::anyhow!("{}", port.closed(&error)))?;
         let url = port.url();
-        self.page = Some(port);
+        self.page = Some(Page::At(Box::new(port)));
         Ok(url)
     }
 
@@ -52,8 +60,13 @@ impl Sockets {
             anyhow::bail!("{}", port.closed(error));
         }
         let url = opened.is_ok().then(|| port.url());
-        self.page = Some(port);
+        self.page = Some(Page::At(Box::new(port)));
         Ok(url)
+    }
+
+    /// Opens the page's port once the services run. Nothing that keeps it closed keeps the gateway from running.
+    pub(super) fn open_page_later(&mut self, web: Web) {
+        self.page = Some(Page::Later(web));
     }
 
     /// Opens the command socket.
@@ -95,7 +108,11 @@ impl Sockets {
             report("the command socket", served);
         };
         let page = async {
-            let Some(port) = self.page else { return std::future::pending().await };
+            let port = match self.page {
+                None => return std::future::pending().await,
+                Some(Page::At(port)) => *port,
+                Some(Page::Later(web)) => Port::found(&web, source.as_ref()).await,
+            };
             report("the page", serve_page(port, &source, shares.page, stopped.clone()).await);
         };
         // A service that fails has said so; the loop goes on without it.

@@ -1,5 +1,5 @@
-//! What a gateway hands to the program that takes its place in the same process: which axes were armed, so that they go on
-//! as they were. How it gets there: [`memfd`].
+//! What a gateway hands to the program that takes its place in the same process: which axes were armed, so that they resume
+//! as they were, and the profile that was checked. How it gets there: [`memfd`].
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -13,8 +13,11 @@ use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::AxisId;
 
 mod memfd;
+mod memory;
+mod profile;
 
-pub use memfd::digest_path;
+pub use memfd::{Arrival, Prepared, digest_path};
+pub use profile::{KeptProfile, answer_of_check, memory_for_profile};
 
 /// What the one says to the other.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

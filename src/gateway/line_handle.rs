@@ -12,7 +12,7 @@ use crate::fieldbus::line::Witness;
 use crate::fieldbus::wire::{CanRequest, Request};
 use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{Arm, BusId, DeviceId, OutputId};
+use isotherm_profile::{Arm, BusId, DeviceId, OnStop, OutputId};
 
 /// A step of an axis looks whether the computer's clock was set, but not more often than this.
 const DAY_EVERY: Duration = Duration::from_millis(100);
@@ -119,10 +119,11 @@ impl LineHandle {
         !self.dry_run && (core.was_armed || (self.profile.arm == Arm::Auto && core.has_read))
     }
 
-    /// The axes were stepped as lately as they should be: a gateway whose lines live but whose head does not counts no beat.
+    /// The axes were stepped as lately as they should be: a gateway whose lines live but whose head does not counts no beat. While
+    /// the registers keep what they hold until another program takes over, no axis is to be stepped.
     pub(super) fn head_lives(&self, now: Moment) -> bool {
-        let every = self.dependents.shortest_period;
-        every.is_none_or(|every| now.since(self.core().stepped_at) <= every * 2)
+        let (every, core) = (self.dependents.shortest_period, self.core());
+        core.stop == Some(OnStop::Hold) || every.is_none_or(|every| now.since(core.stepped_at) <= every * 2)
     }
 }
 

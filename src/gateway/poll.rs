@@ -23,6 +23,7 @@ use super::contact::JITTER_MS;
 use super::execute::LineTurn;
 use super::inspector::Inspector;
 use super::line_handle::LineHandle;
+use super::shared::LineWork;
 use crate::clock::Sleeper;
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::Request;
@@ -69,8 +70,7 @@ pub(super) struct LineTask {
     wakes_others: bool,
     /// How the devices are set is to be looked at.
     inspects: bool,
-    /// The process ends, and a server keeps a place for this line until it is told.
-    takes_leave: bool,
+    work: LineWork,
     /// The news and the pauses that were taken note of.
     news: u64,
     pauses: u64,
@@ -143,7 +143,7 @@ impl LineTask {
             has_news: true,
             wakes_others: false,
             inspects: true,
-            takes_leave: false,
+            work: LineWork::All,
             news: 0,
             pauses: shared.pauses(),
             pressed: 0,
@@ -172,7 +172,8 @@ impl LineTask {
         let mut now = self.line.look();
         loop {
             self.take_note(now);
-            if self.takes_leave {
+            // A server keeps a place for this line until it takes leave.
+            if self.work == LineWork::Leave && self.shared.profile.bus(self.bus).opcua.is_some() {
                 return self.line.close().await;
             }
             let turn = self.next(now);
@@ -240,7 +241,10 @@ impl LineTask {
         for revived in self.can.iter().flat_map(|can| can.revived()) {
             self.line.revive(revived);
         }
-        self.takes_leave = self.shared.ends() && self.shared.profile.bus(self.bus).opcua.is_some();
+        let before = std::mem::replace(&mut self.work, self.shared.line_work());
+        if before == LineWork::All && self.work != LineWork::All {
+            self.shared.outputs_rest();
+        }
         let pauses = self.shared.pauses();
         if std::mem::replace(&mut self.pauses, pauses) != pauses {
             // What is on its way belongs to a time that is over.
@@ -300,7 +304,7 @@ impl LineTask {
         if self.may_step(now) {
             return Turn::Step;
         }
-        let jobs = || self.jobs.iter().enumerate().map(|(place, job)| (job.due, place));
+        let jobs = || self.working_jobs().map(|(place, job)| (job.due, place));
         if let Some((_, place)) =
             jobs().filter(|(due, place)| *due <= now && self.jobs[*place].corrects.is_some()).min()
         {
@@ -326,6 +330,12 @@ impl LineTask {
                 }
             }
         }
+    }
+
+    /// The outputs that may do something, with their places.
+    fn working_jobs(&self) -> impl Iterator<Item = (usize, &Job)> {
+        let works = |job: &Job| self.work == LineWork::All || job.corrects.is_some();
+        self.jobs.iter().enumerate().filter(move |(_, job)| works(job))
     }
 
     /// The read whose turn comes after a corrected position, if that is by then.
@@ -356,7 +366,7 @@ impl LineTask {
     /// When there is something to do again.
     fn rests_until(&self) -> Moment {
         let polls = self.polls.iter().map(|poll| poll.due());
-        let jobs = self.jobs.iter().map(|job| job.due);
+        let jobs = self.working_jobs().map(|(_, job)| job.due);
         let pulse = self.pulse.iter().map(|pulse| pulse.due);
         let step = self.step_due.filter(|_| self.steps_axes);
         polls.chain(jobs).chain(pulse).chain(step).min().unwrap_or(Moment::END)

@@ -4,7 +4,7 @@
 //! [`Panel`](super::panel::Panel).
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use tokio::sync::Notify;
@@ -19,6 +19,18 @@ use crate::observe::events::{Event, Journal};
 use crate::observe::status::BrokerFigures;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, Profile};
+
+/// Work of the lines.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum LineWork {
+    /// Everything.
+    #[default]
+    All,
+    /// Reads, heartbeats and corrected positions. No output changes what state and ledger say of it.
+    WithoutOutputs,
+    /// The same, and a line for which a server keeps a place takes leave of it.
+    Leave,
+}
 
 /// The gateway's state, shared by its tasks.
 pub(crate) struct Shared {
@@ -36,8 +48,9 @@ pub(crate) struct Shared {
     core: Mutex<Core>,
     /// Another program is to take the place of this one.
     pub(super) replaced: Notify,
-    /// Nothing is done any more: a line for which a server keeps a place takes leave.
-    ends: AtomicBool,
+    line_work: Mutex<LineWork>,
+    /// Number of lines that have noted that outputs rest.
+    resting: AtomicUsize,
     /// When each command was taken last.
     rates: Mutex<Rates>,
     /// How publishing to a broker goes.
@@ -68,7 +81,8 @@ impl Shared {
             turns: counts(),
             core: Mutex::new(core(given)),
             replaced: Notify::new(),
-            ends: AtomicBool::new(false),
+            line_work: Mutex::default(),
+            resting: AtomicUsize::new(0),
             rates: Mutex::default(),
             broker: None,
             clock,
@@ -147,14 +161,24 @@ impl Shared {
         }
     }
 
-    /// The lines have nothing to do any more.
-    pub(super) fn end(&self) {
-        self.ends.store(true, Ordering::Relaxed);
+    /// Limits the work of the lines from now on.
+    pub(super) fn limit_lines(&self, work: LineWork) {
+        *self.line_work.lock().unwrap_or_else(PoisonError::into_inner) = work;
         self.wake();
     }
 
-    pub(super) fn ends(&self) -> bool {
-        self.ends.load(Ordering::Relaxed)
+    pub(super) fn line_work(&self) -> LineWork {
+        *self.line_work.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A line has noted that its outputs rest: none of them is under way.
+    pub(super) fn outputs_rest(&self) {
+        self.resting.fetch_add(1, Ordering::Release);
+    }
+
+    /// Number of lines whose outputs rest.
+    pub(super) fn resting_lines(&self) -> usize {
+        self.resting.load(Ordering::Acquire)
     }
 
     pub(super) fn pauses(&self) -> u64 {

@@ -1,20 +1,24 @@
 //! Another program in the place of this one: the same path, perhaps another version; the same arguments, perhaps another profile;
 //! in the same process, so that a service manager notices nothing. It checks the profile first. What does not pass that leaves
-//! this one running.
+//! this one running. What passes is handed over, so that the new program runs exactly the profile that it has checked.
 
 use std::ffi::OsString;
 use std::fs::File;
 use std::io::Read;
+use std::os::unix::fs::MetadataExt;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus, Stdio};
-use std::sync::Arc;
+use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use isotherm_core::explained::Explained;
 use isotherm_profile::one_line;
+use isotherm_profile::regular::cut;
+use rustix::process::{Pid, Signal, kill_process_group};
 
-use super::handover::{Handover, digest_path};
+use super::handover::{Handover, KeptProfile, Prepared, digest_path};
 use super::panel::CommandHandle;
 use super::shared::Shared;
 use crate::clock::Passing;
@@ -30,8 +34,12 @@ pub(super) const CHECKED_WITHIN: Duration = Duration::from_secs(60);
 const OWN_IMAGE: &str = "/proc/self/exe";
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 /// What a check says at most, in bytes, and how many lines of it are passed on.
-const MOST_SAID: u64 = 64_000;
+const MOST_SAID: usize = 64_000;
 const LINES: usize = 5;
+/// Characters of them that are passed on.
+const LONGEST_SAID: usize = 800;
+/// How long the last words of a check that has ended may take: a process that it has left behind may keep them open.
+const LAST_WORDS: Duration = Duration::from_secs(1);
 /// The exit code for a wrong profile.
 const WRONG_PROFILE: i32 = 64;
 
@@ -51,7 +59,39 @@ pub(super) enum Unfit {
     Other(String),
 }
 
+/// A file that a program is started from. It is the same file as long as none of this changes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Image {
+    place: (u64, u64),
+    size: u64,
+    modified: (i64, i64),
+}
+
+impl Image {
+    fn at(path: &Path) -> Option<Image> {
+        let found = std::fs::metadata(path).ok()?;
+        Some(Image {
+            place: (found.dev(), found.ino()),
+            size: found.size(),
+            modified: (found.mtime(), found.mtime_nsec()),
+        })
+    }
+}
+
+/// Result of a check: what will be handed over to the program that has made it.
+#[derive(Debug)]
+pub struct Checked {
+    image: Option<Image>,
+    /// Memory of the handover, with the profile that was checked if the program can take it from there.
+    pub prepared: Prepared,
+}
+
 impl Program {
+    /// The program at this path, with these arguments.
+    pub fn new(path: PathBuf, arguments: Vec<OsString>) -> Program {
+        Program { path, arguments }
+    }
+
     /// The one of this process. To be asked for before it is replaced on disk: the path is that of now, by the name under which
     /// it was started, where that is a whole path.
     ///
@@ -61,7 +101,7 @@ impl Program {
         let mut arguments = std::env::args_os();
         let named = arguments.next().map(PathBuf::from).filter(|path| path.is_absolute());
         let path = named.map_or_else(std::env::current_exe, Ok)?;
-        Ok(Program { path, arguments: arguments.collect() })
+        Ok(Program::new(path, arguments.collect()))
     }
 
     /// Whether it was started with this file, which need not be there any more.
@@ -73,52 +113,59 @@ impl Program {
     }
 
     /// Lets the program at that path check its profile and arguments, within this time.
-    fn check(&self, socket: &Path, within: Duration) -> Result<(), Unfit> {
+    fn check(&self, socket: &Path, within: Duration) -> Result<Checked, Unfit> {
         let shown = self.path.display();
+        let image = Image::at(&self.path);
+        let no_memory = |error: std::io::Error| {
+            Unfit::Other(format!("nothing can be handed over to the new program: {error}"))
+        };
+        let answer = KeptProfile::offer().ok();
+        let stdout = answer.as_ref().map(File::try_clone).transpose().map_err(no_memory)?;
         let mut command = Command::new(&self.path);
         command.args(&self.arguments).arg(format!("--{CHECK_ONLY}")).arg(socket);
         // It speaks to nobody but this program.
         command.env_remove("NOTIFY_SOCKET");
-        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
+        command
+            .stdin(Stdio::null())
+            .stdout(stdout.map_or_else(Stdio::null, Stdio::from))
+            .stderr(Stdio::piped());
+        // A script may start others: all of them end when the time is over.
+        command.process_group(0);
         let cannot = |error: std::io::Error| Unfit::Other(format!("{shown} cannot be started: {error}"));
         let mut child = command.spawn().map_err(cannot)?;
-        let stderr = child.stderr.take();
-        let reading = std::thread::spawn(move || {
-            let mut said = Vec::new();
-            if let Some(mut stderr) = stderr {
-                let _ = stderr.by_ref().take(MOST_SAID).read_to_end(&mut said);
-                let _ = std::io::copy(&mut stderr, &mut std::io::sink());
-            }
-            String::from_utf8_lossy(&said).into_owned()
-        });
+        // The command has a copy of the answer.
+        drop(command);
+        let said = child.stderr.take().map(read_aside);
         let until = Passing::default().passed() + within;
         let status = loop {
             match child.try_wait().map_err(cannot)? {
                 Some(status) => break status,
                 None if Passing::default().passed() >= until => {
-                    let _ = child.kill().and_then(|()| child.wait());
+                    end(&mut child);
                     let why = format!("{shown} has not checked the profile within {} s", within.as_secs());
                     return Err(Unfit::Other(why));
                 }
                 None => std::thread::sleep(LOOK_EVERY),
             }
         };
-        judge(status, &reading.join().unwrap_or_default())
+        judge(status, || said.map(collected).unwrap_or_default())?;
+        let profile = answer.map(KeptProfile::answered).transpose().map_err(Unfit::Other)?.flatten();
+        Ok(Checked { image, prepared: Prepared::with(profile.as_ref()).map_err(no_memory)? })
     }
 
     /// Becomes the program that lies there now, with a sealed handover as its standard input. Returns a sentence only if that cannot
     /// be started.
-    pub fn takes_over(&self, handover: Option<&File>) -> String {
-        let error = self.becomes(&self.path, handover);
+    pub fn start(&self, handover: Option<&File>) -> String {
+        let error = self.exec(&self.path, handover);
         format!("{} cannot be started: {}", self.path.display(), system(&error))
     }
 
     /// Starts the program that runs now once more, with a sealed handover as its standard input. Returns only if that fails.
-    pub fn begins_anew(&self, handover: Option<&File>) -> std::io::Error {
-        self.becomes(Path::new(OWN_IMAGE), handover)
+    pub fn start_own_image(&self, handover: Option<&File>) -> std::io::Error {
+        self.exec(Path::new(OWN_IMAGE), handover)
     }
 
-    fn becomes(&self, image: &Path, handover: Option<&File>) -> std::io::Error {
+    fn exec(&self, image: &Path, handover: Option<&File>) -> std::io::Error {
         let stdin = match handover.map(File::try_clone).transpose() {
             Ok(handover) => handover.map_or_else(Stdio::null, Stdio::from),
             Err(error) => return error,
@@ -127,14 +174,50 @@ impl Program {
     }
 }
 
-fn judge(status: ExitStatus, said: &str) -> Result<(), Unfit> {
+/// Ends a check and every process that it has started.
+fn end(child: &mut Child) {
+    if let Some(group) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
+        let _ = kill_process_group(group, Signal::KILL);
+    }
+    let _ = child.kill().and_then(|()| child.wait());
+}
+
+/// Reads what a check says in a thread of its own. What is too much is read and dropped.
+fn read_aside(mut stderr: ChildStderr) -> Receiver<Vec<u8>> {
+    let (sender, parts) = channel();
+    std::thread::spawn(move || {
+        let mut part = [0; 4096];
+        let mut left = MOST_SAID;
+        while let Ok(length @ 1..) = stderr.read(&mut part) {
+            let kept = length.min(left);
+            left -= kept;
+            if kept > 0 && sender.send(part[..kept].to_vec()).is_err() {
+                return;
+            }
+        }
+    });
+    parts
+}
+
+/// What a check that has ended has said.
+fn collected(parts: Receiver<Vec<u8>>) -> String {
+    let until = Passing::default().passed() + LAST_WORDS;
+    let mut said = Vec::new();
+    while let Ok(part) = parts.recv_timeout(until.saturating_sub(Passing::default().passed())) {
+        said.extend(part);
+    }
+    String::from_utf8_lossy(&said).into_owned()
+}
+
+fn judge(status: ExitStatus, said: impl FnOnce() -> String) -> Result<(), Unfit> {
     if status.success() {
         return Ok(());
     }
+    let said = said();
     // Excerpts and help stand behind blanks.
     let lines = said.lines().filter(|line| !line.is_empty() && !line.starts_with(char::is_whitespace));
     let lines: Vec<&str> = lines.filter(|line| !line.starts_with("warning")).take(LINES).collect();
-    let said = one_line(&lines.join("; ")).into_owned();
+    let said = cut(&one_line(&lines.join("; ")), LONGEST_SAID).into_owned();
     Err(match status.code() {
         Some(WRONG_PROFILE) => Unfit::Profile(said),
         _ if said.is_empty() => Unfit::Other(format!("the program that is to take over ended with {status}")),
@@ -148,11 +231,13 @@ pub struct Successor {
     shared: Arc<Shared>,
     program: Program,
     socket: PathBuf,
+    /// Of the program that takes over.
+    checked: Arc<Mutex<Option<Checked>>>,
 }
 
 impl Successor {
     pub(super) fn new(shared: Arc<Shared>, program: Program, socket: PathBuf) -> Successor {
-        Successor { shared, program, socket }
+        Successor { shared, program, socket, checked: Arc::default() }
     }
 
     /// Whether this gateway was started with this profile.
@@ -160,25 +245,37 @@ impl Successor {
         self.program.was_given(path)
     }
 
-    /// Checks that the other program could run in the place of this gateway, and that this gateway can hand over to it. Blocks, at
-    /// most `within` this time.
-    pub(super) fn check(&self, within: Duration) -> Result<(), Unfit> {
-        self.program.check(&self.socket, within)?;
-        let directory = self.socket.parent().unwrap_or(Path::new("."));
-        Handover::rehearse(&digest_path(directory, &self.shared.profile.name))
-            .map_err(|error| Unfit::Other(format!("nothing can be handed over to the new program: {error}")))
+    /// Result of the check of the program that takes over, once the gateway has ended for it.
+    pub fn take_checked(&self) -> Option<Checked> {
+        self.checked.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    /// Asks the gateway to move nothing more and to make room. A sentence.
-    pub(super) fn take_over(&self, asker: &Asker) -> Result<String, String> {
+    /// Checks that the other program could run in the place of this gateway, and that this gateway can hand over to it. Blocks, at
+    /// most `within` this time, and as long as the disk takes for one small file.
+    pub(super) fn check(&self, within: Duration) -> Result<Checked, Unfit> {
+        let checked = self.program.check(&self.socket, within)?;
+        let directory = self.socket.parent().unwrap_or(Path::new("."));
+        Handover::rehearse(&digest_path(directory, &self.shared.profile.name)).map_err(|error| {
+            Unfit::Other(format!("nothing can be handed over to the new program: {error}"))
+        })?;
+        if Image::at(&self.program.path) != checked.image {
+            let shown = self.program.path.display();
+            let why = format!("{shown} was replaced after it had checked the profile: restart once more");
+            return Err(Unfit::Other(why));
+        }
+        Ok(checked)
+    }
+
+    /// Asks the gateway to move nothing more and to make room for a program that was checked. A sentence.
+    pub(super) fn take_over(&self, asker: &Asker, checked: Checked) -> Result<String, String> {
         let commands = CommandHandle(self.shared.clone());
         let answer =
             commands.carry_out(("restart".to_owned(), Vec::new()), asker, String::as_str, |core| {
                 if core.stop.is_some() {
                     return Err("the gateway is stopping".into());
                 }
-                let checked = core.arming.as_slice().iter().position(|arming| arming.sign.is_some());
-                if let Some(axis) = checked {
+                let moved = core.arming.as_slice().iter().position(|arming| arming.sign.is_some());
+                if let Some(axis) = moved {
                     let name = &self.shared.profile.axes[axis].settings.name;
                     return Err(Explained::new(
                         format!("the sign of {name} is being checked, which moves it"),
@@ -189,6 +286,7 @@ impl Successor {
                 let path = self.program.path.display();
                 Ok(format!("{path} takes over; the registers keep what they hold"))
             })?;
+        *self.checked.lock().unwrap_or_else(PoisonError::into_inner) = Some(checked);
         self.shared.replaced.notify_one();
         Ok(answer)
     }

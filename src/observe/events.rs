@@ -289,6 +289,8 @@ pub enum Event {
     NotBelieved { why: String },
     /// The program before this one in the same process handed nothing over that is accepted.
     HandoverRefused { why: String },
+    /// The profile that was checked runs, and these of its files, variables or settings are different now.
+    ProfileDiffers { profile: String, files: Vec<String> },
     /// The state or the ledger of an earlier version of the program is used.
     TakenFromEarlier { what: &'static str, version: u32, kept: String },
     /// So many events are not on disk.

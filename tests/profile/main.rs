@@ -17,6 +17,7 @@ mod doubts;
 mod expected;
 mod explained;
 mod hints;
+mod kept;
 mod late;
 mod layers;
 mod load;

@@ -6,6 +6,7 @@
 //! # Layout
 //! - `load`, `merge`, `walk`, `span`, `overridden`, `guarded`: the layers, each against the schema, where every key was written,
 //!   what those above the profile change, and what they may not change.
+//! - `files`, `sources`: the files that a profile names, and everything that was read of one, kept so that it can be loaded again.
 //! - [`host_and_port`]: addresses. [`regular`]: files that a person names. `unseen`: texts of others, as people may see them.
 //! - `template`, `dbc`: what device templates and DBC files bring.
 //! - `tables`: a file for each table of the profile: as written, checked, resolved, and what `isotherm check` says of it.
@@ -33,6 +34,7 @@ pub mod plan;
 pub mod preview;
 pub mod regular;
 mod size;
+mod sources;
 mod span;
 pub mod stop;
 mod tables;
@@ -44,11 +46,14 @@ mod written;
 
 pub use error::{Errors, ProfileError, allowed, nearest};
 pub use host_port::{NoPlace, host_and_port};
-pub use load::{Loaded, environment, load, load_before_certificates, parse, parse_with};
+pub use load::{
+    Loaded, environment, load, load_and_keep, load_before_certificates, load_from, parse, parse_with,
+};
 pub use overridden::Overridden;
+pub use sources::{SOURCES_MARK, Sources};
 pub use tables::axis::Axis;
 pub use tables::axis::model::network;
-pub use tables::axis::model::seals::sha256;
+pub use tables::axis::model::seals::{sha256, sha256_of};
 pub use tables::axis::probe::ProbeInput;
 pub use tables::bus::opcua::{NamedFile, OpcUa, Security, User, server_url};
 pub use tables::bus::serial::{Parity, Serial};

@@ -1,8 +1,6 @@
 //! From layers of text to a [`Profile`], or to every error at once.
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
 
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -10,11 +8,12 @@ use toml::Spanned;
 use toml::de::DeValue;
 
 use crate::error::{Errors, Found, ProfileError, allowed};
-use crate::files::Files;
+use crate::files::{Certificates, Disk, Files, Reads};
 use crate::guarded::{self, Refusal};
 use crate::overridden::Above;
-use crate::regular::{self, without_numbers};
+use crate::regular::without_numbers;
 use crate::schema;
+use crate::sources::Sources;
 use crate::span::{Spans, child};
 use crate::tables::RawProfile;
 use crate::tables::output::stated;
@@ -55,7 +54,7 @@ pub fn load(
     settings: &[(String, String)],
     environment: &[(String, String)],
 ) -> Result<Loaded, Errors> {
-    read(path, settings, environment, |directory, read| Files::Beside(directory, read))
+    Ok(read(path, settings, environment, Certificates::Needed, None)?.0)
 }
 
 /// The same for whoever makes the certificates of its OPC UA lines: where they are not there yet they are empty.
@@ -67,35 +66,62 @@ pub fn load_before_certificates(
     settings: &[(String, String)],
     environment: &[(String, String)],
 ) -> Result<Loaded, Errors> {
-    read(path, settings, environment, |directory, read| Files::Growing(directory, read))
+    Ok(read(path, settings, environment, Certificates::ToBeMade, None)?.0)
+}
+
+/// Loads a profile with the layers that `sources` name, and keeps in them what was read.
+///
+/// # Errors
+/// Everything that is wrong with it, each with its place.
+pub fn load_and_keep(path: &Path, sources: Sources) -> Result<(Loaded, Sources), Errors> {
+    let (settings, environment) = (sources.settings().to_vec(), sources.environment().to_vec());
+    let (loaded, sources) = read(path, &settings, &environment, Certificates::Needed, Some(sources))?;
+    let lost = || Errors(vec![ProfileError::about("the sources", "were not kept", None)]);
+    Ok((loaded, sources.ok_or_else(lost)?))
+}
+
+/// Loads a profile from sources that were kept. Nothing of it is read from the file system.
+///
+/// # Errors
+/// Everything that is wrong with it, each with its place.
+pub fn load_from(path: &Path, sources: &Sources) -> Result<Loaded, Errors> {
+    let directory = path.parent().unwrap_or(Path::new(""));
+    read_layers(path, sources.settings(), sources.environment(), &Files::Kept(directory, sources))
 }
 
 fn read(
     path: &Path,
     settings: &[(String, String)],
     environment: &[(String, String)],
-    files_of: for<'a> fn(&'a Path, &'a Mutex<BTreeSet<String>>) -> Files<'a>,
+    certificates: Certificates,
+    sources: Option<Sources>,
+) -> Result<(Loaded, Option<Sources>), Errors> {
+    let disk = Disk::new(path.parent().unwrap_or(Path::new("")), certificates, sources);
+    let mut loaded = read_layers(path, settings, environment, &Files::Beside(&disk))?;
+    let Reads { names, sources } = disk.into_reads();
+    loaded.files.extend(names);
+    Ok((loaded, sources))
+}
+
+fn read_layers(
+    path: &Path,
+    settings: &[(String, String)],
+    environment: &[(String, String)],
+    files: &Files<'_>,
 ) -> Result<Loaded, Errors> {
-    let name = path.display().to_string();
-    let text = profile_text(path).map_err(|why| Errors(vec![unreadable(&name, &why)]))?;
-    let mut files = vec![(path.to_owned(), text)];
+    let text =
+        files.layer(path).map_err(|why| Errors(vec![unreadable(&path.display().to_string(), &why)]))?;
+    let mut layers = vec![(path.to_owned(), text)];
     let local = local_beside(path);
-    match profile_text(&local) {
-        Ok(text) => files.push((local, text)),
+    match files.layer(&local) {
+        Ok(text) => layers.push((local, text)),
         Err(why) if why.kind() == std::io::ErrorKind::NotFound => {}
         Err(why) => return Err(Errors(vec![unreadable(&local.display().to_string(), &why)])),
     }
-    let read = Mutex::new(BTreeSet::new());
-    let beside = files_of(path.parent().unwrap_or(Path::new("")), &read);
-    let mut loaded = layered(&files, &beside, settings, environment)?;
-    let layers = files.iter().filter_map(|(path, _)| path.file_name());
-    loaded.files = layers.map(|name| name.to_string_lossy().into_owned()).collect();
-    loaded.files.extend(read.into_inner().unwrap_or_else(PoisonError::into_inner));
+    let mut loaded = layered(&layers, files, settings, environment)?;
+    let names = layers.iter().filter_map(|(path, _)| path.file_name());
+    loaded.files = names.map(|name| name.to_string_lossy().into_owned()).collect();
     Ok(loaded)
-}
-
-fn profile_text(path: &Path) -> std::io::Result<String> {
-    regular::read_text_of(path, regular::LARGEST_PROFILE)
 }
 
 /// Reads a profile from a text that is already here, as one that is part of the program. It cannot name files.

@@ -20,6 +20,8 @@ use crate::observe::asker::{Asker, Connection, PATIENCE, Way};
 const RESTART: &str = "restart";
 /// No check takes longer, whatever a client says.
 const LONGEST_CHECK: Duration = Duration::from_secs(600);
+/// How much longer than the check itself its end may take: the disk must take one small file.
+const CHECK_ENDS_WITHIN: Duration = Duration::from_secs(3);
 
 /// Whoever wants it has found the profile wrong, or has not looked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,15 +83,20 @@ pub(super) async fn serve(
     // A thread of its own: nothing waits for it when this program ends.
     let check = move || drop(answer.send(checking.check(within)));
     std::thread::Builder::new().name("check".to_owned()).spawn(check)?;
+    let until = Passing::default().passed() + within + CHECK_ENDS_WITHIN;
     let checked = loop {
         match tokio::time::timeout(STILL, &mut checked).await {
             Ok(Ok(checked)) => break checked,
             Ok(Err(_)) => break Err(Unfit::Other("the check has failed inside".to_owned())),
+            Err(_) if Passing::default().passed() >= until => {
+                let why = "the state directory has not taken a small file in time: does its disk hang?";
+                break Err(Unfit::Other(why.to_owned()));
+            }
             Err(_) => say(writer, "still\n").await?,
         }
     };
     let (word, why) = match checked {
-        Ok(()) => match successor.take_over(&asker()) {
+        Ok(checked) => match successor.take_over(&asker(), checked) {
             Ok(said) => {
                 say(writer, &said_in_a_line("ok", &said)).await?;
                 // Its end tells that this program is gone.

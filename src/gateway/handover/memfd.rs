@@ -1,37 +1,39 @@
 //! The way of a handover from one program to the next in the same process: a sealed memfd as standard input, and its digest in
 //! the state directory.
 //!
+//! ```text
+//! sources of the checked profile, the document (JSON), its length (8 bytes)    for a program that takes its profile from a handover
+//! the document                                                                for a program of an older version
+//! ```
+//!
 //! The process that starts the program chooses its standard input. So the program accepts a memfd only if nothing can change it (all
-//! seals, this user), if this very process wrote it (process id, start time, boot), and if the state directory holds its digest.
-//! The program removes the digest before it reads the memfd, so that no handover is used twice.
+//! seals, this user), if this very process wrote it (process id, start time, boot), and if the state directory holds the digest of its
+//! document, which names the digest of the sources. The program removes the digest before it arms anything, so that no handover is
+//! used twice.
 
-use std::fs::{File, Permissions};
-use std::io::{self, ErrorKind, Read, Write};
-use std::os::fd::AsFd;
-use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::fs::File;
+use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
-use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, fcntl_get_seals, memfd_create};
-use rustix::io::Errno;
 use serde::{Deserialize, Serialize};
 
 use super::Handover;
+use super::memory;
+use super::profile::{KeptProfile, LARGEST as LARGEST_SOURCES, SourcesSeal};
 use crate::fieldbus::explain::system;
-use crate::gateway::disk::{Disk, Files};
+use crate::gateway::disk::{Disk, Files, create};
 use isotherm_profile::regular::without_numbers;
-use isotherm_profile::sha256;
+use isotherm_profile::{SOURCES_MARK, sha256, sha256_of};
 
 #[cfg(test)]
 mod tests;
 
 const NAME: &str = "isotherm-handover";
-/// Standard input, and what the kernel shows there for a memfd of that name.
-const STDIN: &str = "/proc/self/fd/0";
-const LINK: &str = "/memfd:isotherm-handover (deleted)";
-/// Only the owner reads it, and nobody writes.
-const MODE: u32 = 0o400;
-/// A handover has at most this many bytes.
+/// A document has at most this many bytes.
 const LARGEST: u64 = 16 * 1024 * 1024;
+/// Bytes of the length of a document.
+const TRAILER: u64 = 8;
 
 /// A process, with whatever program runs in it: all of this stays when one program replaces another.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -44,12 +46,15 @@ struct Process {
     boot: String,
 }
 
-/// Content of the memfd.
+/// Document of a handover.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Document<H> {
     process: Process,
     handover: H,
+    /// Not there for a program of an older version.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    sources: Option<SourcesSeal>,
 }
 
 impl Process {
@@ -73,74 +78,201 @@ pub fn digest_path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.handover"))
 }
 
-impl Handover {
-    /// Writes this into a sealed memfd for the next program in this process, and its digest to `path`.
+/// Memory in which a handover will be sealed. The sources of the profile are in it already: they may have many megabytes.
+#[derive(Debug)]
+pub struct Prepared {
+    memory: File,
+    sources: Option<SourcesSeal>,
+}
+
+impl Prepared {
+    /// Prepares a handover, with a profile for a program that takes one.
     ///
     /// # Errors
-    /// A sentence: the system makes no memfd, or the digest cannot be written.
-    pub fn seal(&self, path: &Path) -> io::Result<File> {
-        let document = serde_json::to_vec(&Document { process: Process::this()?, handover: self })?;
-        let memory = memory(&document).map_err(|error| {
-            let error = without_numbers(&error.to_string());
-            io::Error::other(format!(
-                "this system makes no sealed memfd ({error}): is memfd_create forbidden by a filter of system calls?"
-            ))
+    /// A sentence: the system makes no memfd.
+    pub fn with(profile: Option<&KeptProfile>) -> io::Result<Prepared> {
+        let prepare = || {
+            let memory = memory::create(NAME)?;
+            profile.map_or(Ok(()), |profile| profile.copy_to(&memory))?;
+            Ok(Prepared { memory, sources: profile.map(|profile| profile.seal.clone()) })
+        };
+        prepare().map_err(no_memory)
+    }
+
+    /// Whether a profile is in it.
+    pub fn has_profile(&self) -> bool {
+        self.sources.is_some()
+    }
+}
+
+/// Error of a system that makes no memfd.
+fn no_memory(error: io::Error) -> io::Error {
+    let error = without_numbers(&error.to_string());
+    io::Error::other(format!(
+        "this system makes no sealed memfd ({error}): is memfd_create forbidden by a filter of system calls?"
+    ))
+}
+
+impl Handover {
+    /// Writes this into prepared memory, which is sealed then, and the digest to `path`. Nothing waits for the disk: the digest need
+    /// not outlive the process.
+    ///
+    /// # Errors
+    /// A sentence: the system does not seal it, or the digest cannot be written.
+    pub fn seal(&self, prepared: Prepared, path: &Path) -> io::Result<File> {
+        let Prepared { mut memory, sources } = prepared;
+        let has_sources = sources.is_some();
+        let document = serde_json::to_vec(&Document { process: Process::this()?, handover: self, sources })?;
+        let mut write = || {
+            memory.write_all(&document)?;
+            if has_sources {
+                memory.write_all(&(document.len() as u64).to_le_bytes())?;
+            }
+            memory::seal(&memory)
+        };
+        write().map_err(no_memory)?;
+        let announce = || {
+            let new = path.with_added_extension("new");
+            let _ = std::fs::remove_file(&new);
+            create(&new)?.write_all(sha256(&document).as_bytes())?;
+            std::fs::rename(&new, path)
+        };
+        announce().map_err(|error| {
+            io::Error::new(error.kind(), format!("{}: {}", path.display(), system(&error)))
         })?;
-        Files.replace(path, sha256(&document).as_bytes())?;
         Ok(memory)
     }
 
     /// Whether this process can hand over to another program now.
     ///
     /// # Errors
-    /// Those of [`Handover::seal`].
+    /// Those of [`Handover::seal`]; or the disk does not take the digest.
     pub(in crate::gateway) fn rehearse(path: &Path) -> io::Result<()> {
         // Under another name: a handover may be under way.
         let path = path.with_added_extension("rehearsal");
-        let sealed = Handover::default().seal(&path);
+        let sealed = Handover::default().seal(Prepared::with(None)?, &path);
+        // Beforehand there is time to find a disk that hangs.
+        let kept = sealed.and_then(|_| Files.replace(&path, b""));
         Files.forget(&path);
-        sealed.map(drop)
+        kept
+    }
+}
+
+/// Standard input of this program, if it is a handover: not yet compared with the digest in the state directory.
+#[derive(Debug)]
+pub struct Arrival {
+    /// `None` after an ordinary start.
+    found: Option<Result<Found, String>>,
+}
+
+/// A handover that this very process has made.
+#[derive(Debug)]
+struct Found {
+    /// SHA-256 of the document.
+    digest: String,
+    handover: Handover,
+    profile: Option<KeptProfile>,
+}
+
+impl Arrival {
+    /// Takes what the program before this one in the same process has handed over. Standard input is empty afterwards if it was a
+    /// handover.
+    pub fn take() -> Arrival {
+        if !memory::is_stream(0, NAME) {
+            return Arrival { found: None };
+        }
+        let unreadable = |error: &io::Error| format!("the handover cannot be read: {}", system(error));
+        let opened = File::open("/proc/self/fd/0").map_err(|error| unreadable(&error));
+        let closed = File::open("/dev/null").and_then(|null| Ok(rustix::stdio::dup2_stdin(null)?));
+        let closed = closed.map_err(|error| format!("the handover cannot be closed: {}", system(&error)));
+        let process = Process::this().map_err(|error| unreadable(&error));
+        let found = closed.and_then(|()| Found::read(&opened?, &process?));
+        Arrival { found: Some(found) }
     }
 
-    /// Takes what the program before this one in the same process has handed over; `None` after an ordinary start. Standard input
-    /// is empty afterwards if it was a handover.
+    /// The profile that was checked. The digest of the handover lies at `digest` of the machine that it describes.
+    pub fn profile(&self) -> Option<&KeptProfile> {
+        self.found.as_ref()?.as_ref().ok()?.profile.as_ref()
+    }
+
+    /// Whether the digest of the handover lies there. It stays there.
+    pub fn is_announced(&self, path: &Path) -> bool {
+        let digest = Files.read(path).unwrap_or_default();
+        matches!(&self.found, Some(Ok(found)) if found.digest.as_bytes() == digest)
+    }
+
+    /// Accepts the handover, whose digest is removed. `None` after an ordinary start.
     ///
     /// # Errors
     /// A clause: there is no handover although one was announced, or it is not accepted.
-    pub fn receive(path: &Path) -> Result<Option<Handover>, String> {
+    pub fn accept(self, path: &Path) -> Result<Option<Handover>, String> {
         let digest = take_digest(path);
-        if !std::fs::read_link(STDIN).is_ok_and(|link| link.as_os_str() == LINK) {
+        let Some(found) = self.found else {
             let announced = "the program before this one announced a handover, and none has arrived";
             return digest?.map_or(Ok(None), |_| Err(announced.to_owned()));
+        };
+        let (found, digest) = (found?, digest?);
+        match digest {
+            None => Err(refused("the state directory holds no digest of it, or it was used before")),
+            Some(digest) if digest != found.digest => {
+                Err(refused("the digest in the state directory is of another one"))
+            }
+            Some(_) => Ok(Some(found.handover)),
         }
-        let unreadable = |error: &io::Error| format!("the handover cannot be read: {}", system(error));
-        let found = File::open(STDIN).map_err(|error| unreadable(&error)).and_then(|file| content(&file));
-        let closed = File::open("/dev/null").and_then(|null| Ok(rustix::stdio::dup2_stdin(null)?));
-        closed.map_err(|error| format!("the handover cannot be closed: {}", system(&error)))?;
-        let process = Process::this().map_err(|error| unreadable(&error))?;
-        accepted(&found?, digest?.as_deref(), &process).map(Some)
     }
 }
 
-/// A memfd of these bytes that nobody can change, as File of this process alone: a program that replaces this one, or a child,
-/// has it only where it is given as standard input.
-fn memory(bytes: &[u8]) -> io::Result<File> {
-    let flags = MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING;
-    let memory = match memfd_create(NAME, flags | MemfdFlags::NOEXEC_SEAL) {
-        // Linux before 6.3 does not know the last flag.
-        Err(Errno::INVAL) => memfd_create(NAME, flags)?,
-        made => made?,
-    };
-    let mut file = File::from(memory);
-    file.write_all(bytes)?;
-    file.set_permissions(Permissions::from_mode(MODE))?;
-    fcntl_add_seals(&file, seals())?;
-    Ok(file)
+impl Found {
+    /// Reads a sealed memfd.
+    fn read(memory: &File, process: &Process) -> Result<Found, String> {
+        let size = memory::size_of_sealed(memory).map_err(refused)?;
+        let (bytes, place) = document(memory, size)?;
+        let unknown = || refused("this version of the program does not know its form");
+        let document: Document<Handover> = serde_json::from_slice(&bytes).map_err(|_| unknown())?;
+        if document.process != *process {
+            return Err(refused("another process wrote it"));
+        }
+        let profile = match document.sources {
+            None if place > 0 => return Err(unknown()),
+            None => None,
+            Some(seal) => {
+                let unreadable = |_| refused("it cannot be read");
+                (&mut &*memory).seek(SeekFrom::Start(0)).map_err(unreadable)?;
+                let sha256 = sha256_of(memory.take(place)).map_err(unreadable)?;
+                if (place, sha256) != (seal.length, seal.sha256.clone()) {
+                    return Err(refused("its profile is another one"));
+                }
+                Some(KeptProfile::of_handover(memory, seal).map_err(unreadable)?)
+            }
+        };
+        Ok(Found { digest: sha256(&bytes), handover: document.handover, profile })
+    }
 }
 
-/// Seals by which neither content nor size changes any more.
-fn seals() -> SealFlags {
-    SealFlags::SEAL | SealFlags::SHRINK | SealFlags::GROW | SealFlags::WRITE
+fn refused(why: &str) -> String {
+    format!("the handover is not accepted: {why}")
+}
+
+/// Document in a memfd of this size, and its place.
+fn document(memory: &File, size: u64) -> Result<(Vec<u8>, u64), String> {
+    let read = |place: u64, length: u64| {
+        let mut bytes = vec![0; usize::try_from(length).unwrap_or_default()];
+        memory.read_exact_at(&mut bytes, place).map_err(|_| refused("it cannot be read"))?;
+        Ok::<_, String>(bytes)
+    };
+    let mark = SOURCES_MARK.len() as u64;
+    let (place, length) = if size > mark && read(0, mark)? == SOURCES_MARK.as_bytes() {
+        let trailer = read(size.saturating_sub(TRAILER), TRAILER.min(size))?;
+        let length = u64::from_le_bytes(trailer.try_into().unwrap_or_default());
+        let place = size.checked_sub(TRAILER).and_then(|end| end.checked_sub(length));
+        (place.ok_or_else(|| refused("it is cut"))?, length)
+    } else {
+        (0, size)
+    };
+    if length > LARGEST || place > LARGEST_SOURCES {
+        return Err(refused("it is too large"));
+    }
+    Ok((read(place, length)?, place))
 }
 
 /// Reads the digest and removes it; `None` if there is none.
@@ -153,43 +285,4 @@ fn take_digest(path: &Path) -> Result<Option<String>, String> {
     };
     std::fs::remove_file(path).map_err(|error| about("removed", &error))?;
     Ok(Some(String::from_utf8_lossy(&digest).into_owned()))
-}
-
-/// The bytes of a memfd that only this user has made and that nobody can change.
-fn content(file: &File) -> Result<Vec<u8>, String> {
-    let refused = |why: &str| Err(format!("the handover is not accepted: {why}"));
-    let is_sealed = fcntl_get_seals(file.as_fd()).is_ok_and(|found| found.contains(seals()));
-    let Ok(found) = file.metadata() else { return refused("it cannot be examined") };
-    if !is_sealed {
-        return refused("it is not sealed");
-    }
-    if found.uid() != rustix::process::geteuid().as_raw() {
-        return refused("it belongs to another user");
-    }
-    if found.mode() & 0o7777 != MODE {
-        return refused("others than its owner may open it");
-    }
-    if found.size() > LARGEST {
-        return refused("it is too large");
-    }
-    let mut bytes = Vec::new();
-    let mut reader = file;
-    reader.read_to_end(&mut bytes).map_or_else(|_| refused("it cannot be read"), |_| Ok(bytes))
-}
-
-/// The handover in these bytes, if they have this digest and this process wrote them.
-fn accepted(bytes: &[u8], digest: Option<&str>, process: &Process) -> Result<Handover, String> {
-    let refused = |why: &str| Err(format!("the handover is not accepted: {why}"));
-    match digest {
-        None => return refused("the state directory holds no digest of it, or it was used before"),
-        Some(digest) if digest != sha256(bytes) => {
-            return refused("the digest in the state directory is of another one");
-        }
-        Some(_) => {}
-    }
-    match serde_json::from_slice::<Document<Handover>>(bytes) {
-        Err(_) => refused("this version of the program does not know its form"),
-        Ok(found) if found.process != *process => refused("another process wrote it"),
-        Ok(found) => Ok(found.handover),
-    }
 }

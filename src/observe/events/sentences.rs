@@ -469,6 +469,14 @@ impl Event {
                 String::new(),
                 Explained::new(format!("{why}; every axis starts as after a stop"), "arm those that are off"),
             ),
+            Event::ProfileDiffers { profile, files } => warning(
+                "profile-differs",
+                format!(
+                    "changed after the new program had checked the profile, and not used: {}; to use what is there now: \
+                     `isotherm restart {profile} --keep`",
+                    listed(files)
+                ),
+            ),
             Event::TakenFromEarlier { what, version, kept } => warning(
                 "taken-from-earlier",
                 String::new(),

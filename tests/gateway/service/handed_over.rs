@@ -149,7 +149,8 @@ fn an_ordinary_restart_warns_of_nothing_and_leaves_nothing_open() {
         let of_process = PathBuf::from(format!("/proc/{}", service.gateway.id()));
         let open = std::fs::read_dir(of_process.join("fd")).unwrap();
         let links = open.filter_map(|entry| std::fs::read_link(entry.ok()?.path()).ok());
-        let links: Vec<PathBuf> = links.filter(|link| link.to_string_lossy().contains("memfd")).collect();
+        let links: Vec<PathBuf> =
+            links.filter(|link| link.to_string_lossy().contains("memfd:isotherm-handover")).collect();
         assert!(links.is_empty(), "{links:?}");
         let environment = std::fs::read(of_process.join("environ")).unwrap();
         assert!(!String::from_utf8_lossy(&environment).contains("ISOTHERM"));

@@ -2,12 +2,15 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+mod checked;
 mod claimed;
 use crate::support::device;
+mod handed_over;
 mod journal;
 mod manager;
 use crate::support::process;
 mod replaced;
 mod rig;
+mod slow_disk;
 mod told;
 mod unit;

@@ -223,20 +223,6 @@ fn a_new_program_that_ends_at_once_or_hangs_is_reported_soon() {
 }
 
 #[test]
-fn a_program_that_is_gone_after_its_check_leaves_the_old_one_in_its_place() {
-    let mut service = Service::start(|text| text);
-    service.walks_to(50);
-    replace(&service, Some(&program("rm \"$0\"; exit 0", "exit 3")));
-    let (code, said) = service.restart(&[]);
-    assert_eq!(code, Some(0), "{said}");
-    assert_eq!(service.device.offset(), 50);
-    service.walks_to(80);
-    assert_eq!(service.events("armed").len(), 2, "{said}");
-    let told = service.gateway.so_far().join("\n");
-    assert!(told.contains("cannot be started") && told.contains("goes on in its place"), "{told}");
-}
-
-#[test]
 fn the_program_that_lies_there_now_takes_over_and_one_that_cannot_run_does_not() {
     let mut service = Service::start(|text| text);
     service.walks_to(50);

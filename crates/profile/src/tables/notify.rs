@@ -32,7 +32,7 @@ pub const CLOCK: &str = "clock";
 /// What can be posted: the five words above, and every kind of event. What people ask for most comes first, because of a word
 /// that is none a part of the list is shown.
 #[rustfmt::skip]
-pub const TRIGGERS: [&str; 105] = [
+pub const TRIGGERS: [&str; 106] = [
     ALARM, ALARM_OVER, AXIS_OFF, UNVERIFIED, CLOCK, "axis-state", "disarmed", "armed", "arm-refused", "arm-ended",
     "waits-to-arm", "goes-on", "device-lost", "device-back", "link-down", "link-up", "bus-trouble", "bus-well", "signal-bad",
     "signal-good", "write-failed", "read-failed", "verify-failed", "verified", "not-applied", "foreign-change", "heartbeat-failed",
@@ -44,7 +44,7 @@ pub const TRIGGERS: [&str; 105] = [
     "acknowledge-not-read", "acknowledge-stuck", "strobe-not-written", "strobe-not-dropped", "probed", "probe-refused",
     "probe-forgotten", "sign-checked", "sign-ended", "rereferenced", "machine-started", "zeroed", "overrun",
     "pipeline-given-up", "subscription", "stood-still", "started", "stopping", "stopped", "template-changed", "not-exclusive", "not-kept",
-    "kept-again", "not-believed", "handover-refused", "taken-from-earlier", "events-lost", "events-full", "logs-deleted", "page-closed",
+    "kept-again", "not-believed", "handover-refused", "profile-differs", "taken-from-earlier", "events-lost", "events-full", "logs-deleted", "page-closed",
     "page-open", "token-changed", "token-gone", "notify-failed", "notify-back", "notify-dropped", "broker-down", "broker-up", "broker-dropped", "broker-not-kept", "command",
     "command-refused", "command-dropped",
 ];

@@ -1,6 +1,14 @@
+use std::fs::Permissions;
+use std::os::fd::AsRawFd;
+use std::os::unix::fs::PermissionsExt;
+
+use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, memfd_create};
+
+use super::memory::{MODE, seals};
 use super::*;
 
 use isotherm_core::quantity::Micron;
+use isotherm_profile::Sources;
 
 fn handover() -> Handover {
     let off = (0..3).map(|axis| (format!("axis{axis}"), "switched off by a person".to_owned()));
@@ -9,28 +17,125 @@ fn handover() -> Handover {
 }
 
 fn document(process: &Process) -> Vec<u8> {
-    serde_json::to_vec(&Document { process: process.clone(), handover: handover() }).unwrap()
+    let (process, handover) = (process.clone(), handover());
+    serde_json::to_vec(&Document { process, handover, sources: None }).unwrap()
+}
+
+/// A sealed memfd of these bytes, opened again.
+fn sealed(bytes: &[u8]) -> File {
+    let mut file = memory::create(NAME).unwrap();
+    file.write_all(bytes).unwrap();
+    memory::seal(&file).unwrap();
+    again(&file)
+}
+
+fn again(file: &File) -> File {
+    File::open(format!("/proc/self/fd/{}", file.as_raw_fd())).unwrap()
+}
+
+/// What a program finds in a memfd of these bytes, when this digest lies in the state directory.
+fn accepted(bytes: &[u8], digest: Option<&str>, process: &Process) -> Result<Handover, String> {
+    let directory = tempfile::tempdir().unwrap();
+    let path = digest_path(directory.path(), "mill");
+    digest.into_iter().for_each(|digest| std::fs::write(&path, digest).unwrap());
+    let arrival = Arrival { found: Some(Found::read(&sealed(bytes), process)) };
+    assert_eq!(
+        arrival.is_announced(&path),
+        digest == Some(&sha256(bytes)) && arrival.found.as_ref().unwrap().is_ok()
+    );
+    let accepted = arrival.accept(&path);
+    assert!(!path.exists(), "the digest is gone");
+    Ok(accepted?.unwrap())
+}
+
+/// A profile, as a check writes its sources.
+fn profile(directory: &Path) -> KeptProfile {
+    let path = directory.join("mill.toml");
+    std::fs::write(&path, "[machine]\nname = \"mill\"\n").unwrap();
+    let sources = Sources::create(KeptProfile::offer().unwrap(), &[], &[]);
+    let (_, sources) = isotherm_profile::load_and_keep(&path, sources).unwrap();
+    KeptProfile::answered(sources.finish().unwrap().0).unwrap().unwrap()
 }
 
 #[test]
 fn what_is_sealed_is_read_back_and_its_digest_lies_in_the_state_directory() {
     let directory = tempfile::tempdir().unwrap();
     let path = digest_path(directory.path(), "mill");
-    let sealed = handover().seal(&path).unwrap();
-    let mut through =
-        File::open(format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&sealed))).unwrap();
-    let bytes = content(&through).unwrap();
-    let digest = take_digest(&path).unwrap();
     let this = Process::this().unwrap();
-    assert_eq!(accepted(&bytes, digest.as_deref(), &this).unwrap(), handover());
-    assert!(std::fs::read_dir(directory.path()).unwrap().next().is_none(), "the digest is gone");
-    // Once more: it was used.
-    let digest = take_digest(&path).unwrap();
-    assert!(accepted(&bytes, digest.as_deref(), &this).unwrap_err().contains("was used before"));
-    // Nobody changes it.
-    assert!(through.write(b"{").is_err() && through.set_len(0).is_err() && (&sealed).write(b"{").is_err());
-    let flags = rustix::io::fcntl_getfd(&sealed).unwrap();
-    assert!(flags.contains(rustix::io::FdFlags::CLOEXEC), "a child does not get it");
+    for kept in [None, Some(profile(directory.path()))] {
+        let sealed = handover().seal(Prepared::with(kept.as_ref()).unwrap(), &path).unwrap();
+        let mut through = again(&sealed);
+        let arrival = || Arrival { found: Some(Found::read(&again(&sealed), &this)) };
+        for _ in 0..2 {
+            assert!(arrival().is_announced(&path), "the digest is still there");
+        }
+        let found = arrival().profile().map(|found| found.seal.clone());
+        assert_eq!(found, kept.as_ref().map(|kept| kept.seal.clone()));
+        if let Some(found) = arrival().profile() {
+            let loaded = isotherm_profile::load_from(Path::new("mill.toml"), &found.sources().unwrap());
+            assert_eq!(loaded.unwrap().profile.name, "mill");
+        }
+        assert_eq!(arrival().accept(&path), Ok(Some(handover())));
+        assert!(!path.exists(), "the digest is gone");
+        // Once more: it was used.
+        assert!(arrival().accept(&path).unwrap_err().contains("was used before"));
+        // Nobody changes it.
+        assert!(
+            through.write(b"{").is_err() && through.set_len(0).is_err() && (&sealed).write(b"{").is_err()
+        );
+        let flags = rustix::io::fcntl_getfd(&sealed).unwrap();
+        assert!(flags.contains(rustix::io::FdFlags::CLOEXEC), "a child does not get it");
+    }
+}
+
+/// An older version reads all of the memfd as one document, and knows no other key of it.
+#[test]
+fn a_program_of_an_older_version_is_given_what_it_knows() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = digest_path(directory.path(), "mill");
+    let sealed = handover().seal(Prepared::with(None).unwrap(), &path).unwrap();
+    let mut bytes = Vec::new();
+    again(&sealed).read_to_end(&mut bytes).unwrap();
+    let document: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
+    let keys = |value: &serde_json::Value| value.as_object().unwrap().keys().cloned().collect::<Vec<_>>();
+    assert_eq!(keys(&document), ["handover", "process"]);
+    assert_eq!(keys(&document["handover"]), ["armed", "by", "off"]);
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), sha256(&bytes));
+    for printed in [&b""[..], b"isotherm is fine\n", b"isotherm-source"] {
+        let file = KeptProfile::offer().unwrap();
+        (&file).write_all(printed).unwrap();
+        assert!(KeptProfile::answered(file).unwrap().is_none());
+    }
+}
+
+#[test]
+fn a_profile_that_was_changed_cut_or_exchanged_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = digest_path(directory.path(), "mill");
+    let this = Process::this().unwrap();
+    let kept = profile(directory.path());
+    let memory = handover().seal(Prepared::with(Some(&kept)).unwrap(), &path).unwrap();
+    let mut whole = Vec::new();
+    again(&memory).read_to_end(&mut whole).unwrap();
+    assert!(Found::read(&sealed(&whole), &this).is_ok());
+    let refused = |bytes: &[u8]| Found::read(&sealed(bytes), &this).err().unwrap_or_default();
+    for place in 0..usize::try_from(kept.seal.length).unwrap() {
+        let mut bytes = whole.clone();
+        bytes[place] ^= 1;
+        assert!(refused(&bytes).contains("not accepted"), "{place}");
+    }
+    for end in 0..whole.len() {
+        assert!(refused(&whole[..end]).contains("not accepted"), "{end}");
+    }
+    let with_length = |length: u64| [&whole[..whole.len() - 8], &length.to_le_bytes()].concat();
+    for length in [0, 1, LARGEST + 1, u64::MAX] {
+        assert!(refused(&with_length(length)).contains("not accepted"), "{length}");
+    }
+    // A document without a profile has none before it.
+    let document = document(&this);
+    let length = (document.len() as u64).to_le_bytes();
+    let sources = &whole[..usize::try_from(kept.seal.length).unwrap()];
+    assert!(refused(&[sources, &document, &length].concat()).contains("does not know its form"));
 }
 
 #[test]
@@ -51,9 +156,10 @@ fn what_can_be_changed_or_is_another_users_is_refused() {
         let file = File::from(memfd_create(NAME, MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING).unwrap());
         (&file).write_all(b"{}").unwrap();
         change(&file);
-        let path = format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&file));
-        File::open(path)
-            .map_or_else(|error| error.to_string(), |file| content(&file).err().unwrap_or_default())
+        File::open(format!("/proc/self/fd/{}", file.as_raw_fd())).map_or_else(
+            |error| error.to_string(),
+            |file| memory::size_of_sealed(&file).err().unwrap_or_default().to_owned(),
+        )
     };
     let mode = |file: &File, mode| file.set_permissions(Permissions::from_mode(mode)).unwrap();
     let is_whole = |file: &File| {
@@ -76,11 +182,6 @@ fn what_can_be_changed_or_is_another_users_is_refused() {
         };
         assert!(write(&open).contains("others than its owner"));
     }
-    let large = |file: &File| {
-        file.set_len(LARGEST + 1).unwrap();
-        is_whole(file);
-    };
-    assert!(write(&large).contains("too large"));
     if rustix::process::geteuid().is_root() {
         let of_another = |file: &File| {
             is_whole(file);
@@ -91,7 +192,10 @@ fn what_can_be_changed_or_is_another_users_is_refused() {
     // A file on a disk has no seals.
     let directory = tempfile::tempdir().unwrap();
     std::fs::write(directory.path().join("file"), "{}").unwrap();
-    assert!(content(&File::open(directory.path().join("file")).unwrap()).unwrap_err().contains("not sealed"));
+    let file = File::open(directory.path().join("file")).unwrap();
+    assert!(memory::size_of_sealed(&file).unwrap_err().contains("not sealed"));
+    let large = vec![b' '; usize::try_from(LARGEST).unwrap() + 1];
+    assert!(accepted(&large, None, &Process::this().unwrap()).unwrap_err().contains("too large"));
 }
 
 #[test]
@@ -146,10 +250,8 @@ fn thousands_of_axes_fit() {
     let why = "waits for a person: ".repeat(20);
     let off = (0..5000).map(|axis| (format!("axis_{axis:060}"), why.clone())).collect();
     let handover = Handover { off, ..Handover::default() };
-    let sealed = handover.seal(&path).unwrap();
-    let path_of_it = format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&sealed));
-    let bytes = content(&File::open(path_of_it).unwrap()).unwrap();
-    assert!(bytes.len() > 2_000_000);
-    let digest = take_digest(&path).unwrap();
-    assert_eq!(accepted(&bytes, digest.as_deref(), &Process::this().unwrap()).unwrap(), handover);
+    let sealed = handover.seal(Prepared::with(None).unwrap(), &path).unwrap();
+    assert!(sealed.metadata().unwrap().len() > 2_000_000);
+    let found = Found::read(&again(&sealed), &Process::this().unwrap());
+    assert_eq!(Arrival { found: Some(found) }.accept(&path), Ok(Some(handover)));
 }

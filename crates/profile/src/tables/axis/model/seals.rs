@@ -7,6 +7,7 @@
 //! `isotherm identify` writes it. A model without it takes its files as they are: people write some by hand.
 
 use std::fmt::Write as _;
+use std::io::Read;
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -36,7 +37,25 @@ pub(super) struct RawSeals {
 /// The SHA-256 of these bytes, as a profile has it: 64 hex digits.
 #[must_use]
 pub fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().fold(String::new(), |mut text, byte| {
+    in_hex(&Sha256::digest(bytes))
+}
+
+/// SHA-256 of everything that can be read here.
+///
+/// # Errors
+/// It cannot be read.
+pub fn sha256_of(mut reader: impl Read) -> std::io::Result<String> {
+    let (mut digest, mut part) = (Sha256::new(), vec![0; 1 << 16]);
+    loop {
+        match reader.read(&mut part)? {
+            0 => return Ok(in_hex(&digest.finalize())),
+            length => digest.update(&part[..length]),
+        }
+    }
+}
+
+fn in_hex(digest: &[u8]) -> String {
+    digest.iter().fold(String::new(), |mut text, byte| {
         let _ = write!(text, "{byte:02x}");
         text
     })

@@ -1,0 +1,237 @@
+//! Sources of a profile: everything that its loader asks of the file system, environment and command line, with the answers. They are
+//! kept in one file, so that the same profile can be loaded again after the answers have changed.
+//!
+//! ```text
+//! isotherm-sources 1
+//! {"environment":[["ISOTHERM__BUS__CELL__ADDRESS","10.0.0.7:502"]],"settings":[]}
+//! {"name":"mill.toml","found":{"file":{"bytes":812,"open_to_all":true}}}
+//! 812 bytes, then the next line
+//! {"name":"mill.local.toml","found":"absent"}
+//! ```
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Error, ErrorKind, Read, Result, Seek, SeekFrom};
+use std::os::unix::fs::{FileExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::regular;
+
+/// First word of the file, whatever its form.
+pub const SOURCES_MARK: &str = "isotherm-sources ";
+/// First line of a file in the form of this version.
+const FORM: &str = "isotherm-sources 1\n";
+/// Longest line: the list of a directory.
+const LONGEST_LINE: u64 = 16 * 1024 * 1024;
+/// Permission of users who are neither the owner nor in the group of a file: to read it, or to write it.
+const OF_OTHERS: u32 = 0o006;
+
+/// Layers that are not files.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+struct Layers {
+    environment: Vec<(String, String)>,
+    settings: Vec<(String, String)>,
+}
+
+/// Answer of the file system.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Found {
+    Absent,
+    /// Sentence that says why the file cannot be read.
+    Unreadable(String),
+    /// Number of bytes, and whether any user may read or change the file.
+    File {
+        bytes: u64,
+        open_to_all: bool,
+    },
+    /// Names in a directory.
+    Names(Vec<String>),
+}
+
+#[derive(Serialize, Deserialize)]
+struct Record {
+    name: String,
+    found: Found,
+}
+
+/// Sources of one profile, and the file that keeps them.
+#[derive(Debug)]
+pub struct Sources {
+    file: File,
+    /// Place behind the last record.
+    end: u64,
+    layers: Layers,
+    /// By name relative to the directory of the profile: the answer, and the place of its bytes.
+    known: BTreeMap<String, (Found, u64)>,
+    /// First write that failed.
+    failed: Option<Error>,
+}
+
+impl Sources {
+    /// Begins sources in an empty file. The loader fills them.
+    pub fn create(file: File, environment: &[(String, String)], settings: &[(String, String)]) -> Sources {
+        let layers = Layers { environment: environment.to_vec(), settings: settings.to_vec() };
+        let mut sources = Sources { file, end: 0, layers, known: BTreeMap::new(), failed: None };
+        sources.write(FORM.as_bytes());
+        let line = serde_json::to_string(&sources.layers).map(|line| line + "\n");
+        sources.write(line.unwrap_or_default().as_bytes());
+        sources
+    }
+
+    /// Opens the sources in the first bytes of a file.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is of another form.
+    pub fn open(file: File, length: u64) -> Result<Sources> {
+        let invalid = || Error::new(ErrorKind::InvalidData, "its form is of another version of the program");
+        let mut reader = BufReader::new(&file);
+        reader.seek(SeekFrom::Start(0))?;
+        let mut end = 0;
+        let line = |reader: &mut BufReader<&File>, end: &mut u64| {
+            let mut line = String::new();
+            let read = reader.take(LONGEST_LINE.min(length - *end)).read_line(&mut line)? as u64;
+            *end += read;
+            Ok::<_, Error>(line)
+        };
+        if line(&mut reader, &mut end)? != FORM {
+            return Err(invalid());
+        }
+        let layers = serde_json::from_str(&line(&mut reader, &mut end)?).map_err(|_| invalid())?;
+        let mut known = BTreeMap::new();
+        while end < length {
+            let Record { name, found } =
+                serde_json::from_str(&line(&mut reader, &mut end)?).map_err(|_| invalid())?;
+            let place = end;
+            if let Found::File { bytes, .. } = found {
+                end = end.checked_add(bytes).filter(|end| *end <= length).ok_or_else(invalid)?;
+                reader.seek(SeekFrom::Start(end))?;
+            }
+            known.insert(name, (found, place));
+        }
+        Ok(Sources { file, end, layers, known, failed: None })
+    }
+
+    /// File of sources that are complete, and their length.
+    ///
+    /// # Errors
+    /// A source could not be written.
+    pub fn finish(self) -> Result<(File, u64)> {
+        self.failed.map_or(Ok((self.file, self.end)), Err)
+    }
+
+    /// Variables of the environment that were a layer.
+    pub fn environment(&self) -> &[(String, String)] {
+        &self.layers.environment
+    }
+
+    /// Settings of the command line that were a layer.
+    pub fn settings(&self) -> &[(String, String)] {
+        &self.layers.settings
+    }
+
+    /// Whether the profile at this path was a file, and not one that is part of the program.
+    pub fn has_file(&self, path: &Path) -> bool {
+        matches!(self.found(&layer_name(path)), Some(Found::File { .. }))
+    }
+
+    /// Keeps that there is no file at this path, so that the profile is one that is part of the program.
+    pub fn put_absent(&mut self, path: &Path) {
+        self.put(&layer_name(path), Found::Absent, &[]);
+    }
+
+    /// Names of the files, variables and settings that are different now. `path` is that of the profile.
+    pub fn differences(
+        &self,
+        path: &Path,
+        environment: &[(String, String)],
+        settings: &[(String, String)],
+    ) -> Vec<String> {
+        let directory = path.parent().unwrap_or(Path::new(""));
+        let differs = |(name, (found, _)): (&String, &(Found, u64))| {
+            let now = regular::read(&directory.join(name), regular::LARGEST);
+            let is_same = match found {
+                Found::Absent => now.is_err_and(|why| why.kind() == ErrorKind::NotFound),
+                Found::Unreadable(_) => now.is_err(),
+                Found::File { .. } => now.is_ok_and(|now| self.bytes(name).is_ok_and(|bytes| bytes == now)),
+                Found::Names(names) => {
+                    let (folder, end) = name.rsplit_once("/*").unwrap_or_default();
+                    names_in(&directory.join(folder), end) == *names
+                }
+            };
+            (!is_same).then(|| name.clone())
+        };
+        let mut different: Vec<String> = self.known.iter().filter_map(differs).collect();
+        let mut layer = |before: &[(String, String)], now: &[(String, String)], words: &str| {
+            let changed = before.iter().filter(|one| !now.contains(one));
+            let new = now.iter().filter(|one| !before.iter().any(|(name, _)| *name == one.0));
+            different.extend(changed.chain(new).map(|(name, _)| format!("{words} {name}")));
+        };
+        layer(self.environment(), environment, "environment");
+        layer(self.settings(), settings, "--set");
+        different
+    }
+
+    pub(crate) fn found(&self, name: &str) -> Option<&Found> {
+        self.known.get(name).map(|(found, _)| found)
+    }
+
+    /// Bytes of a file; of another answer the sentence that says why there are none.
+    pub(crate) fn bytes(&self, name: &str) -> std::result::Result<Vec<u8>, String> {
+        match self.known.get(name) {
+            Some((Found::File { bytes, .. }, place)) => {
+                let length = usize::try_from(*bytes).unwrap_or(usize::MAX);
+                let mut found = vec![0; length];
+                let read = self.file.read_exact_at(&mut found, *place);
+                read.map(|()| found).map_err(|why| format!("{name} cannot be read: {why}"))
+            }
+            Some((Found::Unreadable(why), _)) => Err(why.clone()),
+            _ => Err(format!("{name} is not among the files of this profile")),
+        }
+    }
+
+    pub(crate) fn put_file(&mut self, name: &str, bytes: &[u8], open_to_all: bool) {
+        self.put(name, Found::File { bytes: bytes.len() as u64, open_to_all }, bytes);
+    }
+
+    /// Keeps an answer. The first one of a name counts.
+    pub(crate) fn put(&mut self, name: &str, found: Found, bytes: &[u8]) {
+        if self.known.contains_key(name) {
+            return;
+        }
+        let record = Record { name: name.to_owned(), found };
+        let line = serde_json::to_string(&record).map(|line| line + "\n");
+        self.write(line.unwrap_or_default().as_bytes());
+        let place = self.end;
+        self.write(bytes);
+        self.known.insert(record.name, (record.found, place));
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        if let Err(why) = self.file.write_all_at(bytes, self.end) {
+            self.failed.get_or_insert(why);
+        }
+        self.end += bytes.len() as u64;
+    }
+}
+
+/// Name of a layer that is a file.
+pub(crate) fn layer_name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+/// Names in a directory that end so, without that end, in order.
+pub(crate) fn names_in(directory: &Path, end: &str) -> Vec<String> {
+    let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
+    let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
+    let mut names: Vec<String> = names.filter_map(|name| Some(name.strip_suffix(end)?.to_owned())).collect();
+    names.sort();
+    names
+}
+
+/// Whether any user of this computer may read or change a file.
+pub(crate) fn is_open_to_all(path: &PathBuf) -> bool {
+    std::fs::metadata(path).is_ok_and(|found| found.permissions().mode() & OF_OTHERS != 0)
+}

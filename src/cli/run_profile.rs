@@ -1,0 +1,99 @@
+//! The profile that a gateway runs. It is read from disk, and its sources are kept in memory; or it is the one that the program before
+//! this one in the same process has handed over, because this program has checked it there.
+
+use std::fs::File;
+use std::path::Path;
+use std::sync::Arc;
+
+use super::{ProfileArguments, load_by, machines, modelled, shipped};
+use crate::gateway::{KeptProfile, memory_for_profile};
+use crate::observe::events::Event;
+use crate::observe::status::Source;
+use isotherm_profile::{Errors, Loaded, Sources, environment};
+
+/// A profile, and its sources.
+pub(super) struct RunProfile {
+    pub(super) loaded: Loaded,
+    /// `None` if the system makes no sealed memory.
+    pub(super) kept: Option<KeptProfile>,
+}
+
+impl RunProfile {
+    /// Reads the profile from disk.
+    pub(super) fn from_disk(arguments: &ProfileArguments) -> anyhow::Result<RunProfile> {
+        let (loaded, sources) = read(arguments, memory_for_profile())?;
+        // Without them there is no restart, which says why then.
+        let kept = sources.and_then(|sources| KeptProfile::seal(sources.finish().ok()?.0).ok());
+        Ok(RunProfile { loaded, kept })
+    }
+
+    /// Takes a profile that was handed over. `None` if its sources are in the form of another version.
+    pub(super) fn handed_over(
+        arguments: &ProfileArguments,
+        kept: &KeptProfile,
+    ) -> anyhow::Result<Option<RunProfile>> {
+        let path = &arguments.path;
+        let sources = match kept.sources() {
+            Ok(sources) => sources,
+            Err(why) => {
+                tracing::warn!(
+                    "the profile that was handed over is not used ({why}): {} is read from disk",
+                    path.display()
+                );
+                return Ok(None);
+            }
+        };
+        let loaded = load_by(path, false, || match machines::text(&path.to_string_lossy()) {
+            Some((path, text)) if !sources.has_file(&arguments.path) => parse_shipped(&path, text, &sources),
+            _ => isotherm_profile::load_from(path, &sources),
+        })?;
+        Ok(Some(RunProfile { loaded: modelled(path, loaded)?, kept: Some(kept.clone()) }))
+    }
+}
+
+/// Reports what is different on disk now, in a thread of its own: a file may lie on a network that is gone.
+pub(super) fn report_differences(
+    kept: Option<&KeptProfile>,
+    arguments: &ProfileArguments,
+    source: &Arc<dyn Source>,
+) {
+    let Some(sources) = kept.and_then(|kept| kept.sources().ok()) else { return };
+    let (source, arguments) = (source.clone(), arguments.clone());
+    let compare = move || {
+        let files = sources.differences(&arguments.path, &environment(), &arguments.set);
+        if !files.is_empty() {
+            let profile = arguments.path.display().to_string();
+            source.report(&Event::ProfileDiffers { profile, files });
+        }
+    };
+    // Without a thread nothing is reported, and the gateway runs all the same.
+    let _ = std::thread::Builder::new().name("profile".to_owned()).spawn(compare);
+}
+
+/// Reads a profile from disk, and keeps its sources in `file`.
+pub(super) fn read(
+    arguments: &ProfileArguments,
+    file: Option<File>,
+) -> anyhow::Result<(Loaded, Option<Sources>)> {
+    let ProfileArguments { path, set } = arguments;
+    let Some(file) = file else { return Ok((super::load_modelled(arguments, false)?, None)) };
+    let mut sources = Some(Sources::create(file, &environment(), set));
+    let load = || -> Result<Loaded, Errors> {
+        let Some(mut kept) = sources.take() else { return isotherm_profile::load(path, set, &environment()) };
+        if let Some((shown, text)) = shipped(path) {
+            kept.put_absent(path);
+            let loaded = parse_shipped(&shown, text, &kept);
+            sources = Some(kept);
+            return loaded;
+        }
+        let (loaded, kept) = isotherm_profile::load_and_keep(path, kept)?;
+        sources = Some(kept);
+        Ok(loaded)
+    };
+    let loaded = modelled(path, load_by(path, false, load)?)?;
+    Ok((loaded, sources))
+}
+
+fn parse_shipped(path: &Path, text: &str, sources: &Sources) -> Result<Loaded, Errors> {
+    isotherm_profile::parse_with(path, text, &machines::FILES, sources.settings(), sources.environment())
+}

@@ -1,0 +1,133 @@
+//! The profile of a handover: its [sources](Sources), as the check of the new program has read them, in sealed memory.
+//!
+//! The gateway gives the check an empty memfd as standard output. A program that can take its profile from a handover writes the
+//! sources there, and gets the same bytes back when it takes over. The gateway does not interpret them, so they may be in a form that
+//! only the new program knows. A program of an older version writes nothing, and reads its profile from disk when it takes over.
+
+use std::fs::File;
+use std::io::{self, Seek, SeekFrom, Write};
+use std::os::fd::AsFd;
+use std::os::unix::fs::{FileExt, MetadataExt};
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::memory;
+use isotherm_profile::{SOURCES_MARK, Sources, sha256_of};
+
+/// Name of the memfd that a check writes to.
+const ANSWER: &str = "isotherm-checked";
+/// Name of the memfd that keeps the sources of the profile that runs.
+const OWN: &str = "isotherm-profile";
+/// The sources of one profile have at most this many bytes together.
+pub(super) const LARGEST: u64 = 256 * 1024 * 1024;
+
+/// Length and SHA-256 of sources.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SourcesSeal {
+    pub(super) length: u64,
+    pub(super) sha256: String,
+}
+
+/// Sources of one profile in sealed memory.
+#[derive(Clone, Debug)]
+pub struct KeptProfile {
+    memory: Arc<File>,
+    pub(super) seal: SourcesSeal,
+}
+
+/// Empty memory for the sources of the profile that this program runs. `None` if the system makes none: then there is no
+/// `restart --keep`.
+pub fn memory_for_profile() -> Option<File> {
+    memory::create(OWN).ok()
+}
+
+/// The file to which this program writes the sources that it has checked, if the program that runs the check takes them.
+pub fn answer_of_check() -> Option<File> {
+    if !memory::is_stream(1, ANSWER) {
+        return None;
+    }
+    let file = File::from(std::io::stdout().as_fd().try_clone_to_owned().ok()?);
+    // A script around this program may have printed something.
+    file.set_len(0).ok()?;
+    Some(file)
+}
+
+impl KeptProfile {
+    /// Seals the memory in which sources were kept.
+    ///
+    /// # Errors
+    /// The system does not seal it.
+    pub fn seal(memory: File) -> io::Result<KeptProfile> {
+        memory::seal(&memory)?;
+        let length = memory.metadata()?.size();
+        (&memory).seek(SeekFrom::Start(0))?;
+        let seal = SourcesSeal { length, sha256: sha256_of(&memory)? };
+        Ok(KeptProfile { memory: Arc::new(memory), seal })
+    }
+
+    /// Memory that a check is given as standard output.
+    ///
+    /// # Errors
+    /// The system makes none.
+    pub(in crate::gateway) fn offer() -> io::Result<File> {
+        memory::create(ANSWER)
+    }
+
+    /// Sources that a check has written. `None` if it has written none, because its program is of an older version.
+    ///
+    /// # Errors
+    /// A clause: they are too large, or the system does not seal them.
+    pub(in crate::gateway) fn answered(memory: File) -> Result<Option<KeptProfile>, String> {
+        let length = memory.metadata().map_err(|error| error.to_string())?.size();
+        if length > LARGEST {
+            return Err(format!(
+                "the files of the profile have {} MB together, and no more than {} MB can be handed over",
+                length >> 20,
+                LARGEST >> 20
+            ));
+        }
+        let mut mark = [0; SOURCES_MARK.len()];
+        if memory.read_exact_at(&mut mark, 0).is_err() || mark != SOURCES_MARK.as_bytes() {
+            return Ok(None);
+        }
+        KeptProfile::seal(memory).map(Some).map_err(|error| error.to_string())
+    }
+
+    /// The first bytes of a handover that was accepted, in memory of their own.
+    pub(super) fn of_handover(handover: &File, seal: SourcesSeal) -> io::Result<KeptProfile> {
+        let own = memory::create(OWN)?;
+        copy(handover, &seal, &own)?;
+        memory::seal(&own)?;
+        Ok(KeptProfile { memory: Arc::new(own), seal })
+    }
+
+    /// Sources to load the profile from.
+    ///
+    /// # Errors
+    /// They are in the form of another version.
+    pub fn sources(&self) -> io::Result<Sources> {
+        Sources::open(self.memory.try_clone()?, self.seal.length)
+    }
+
+    /// Copies the sources to the beginning of another file.
+    pub(super) fn copy_to(&self, file: &File) -> io::Result<()> {
+        copy(&self.memory, &self.seal, file)
+    }
+}
+
+fn copy(from: &File, seal: &SourcesSeal, to: &File) -> io::Result<()> {
+    let (mut at, mut part) = (0, vec![0; 1 << 20]);
+    let mut to = to;
+    while at < seal.length {
+        let length = from.read_at(&mut part, at)?;
+        let length = length.min(usize::try_from(seal.length - at).unwrap_or(usize::MAX));
+        if length == 0 {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        to.write_all(&part[..length])?;
+        at += length as u64;
+    }
+    Ok(())
+}
