@@ -14,6 +14,7 @@ use crate::gateway::blamed::of_an_output;
 use crate::gateway::ledger::{Keeping, Kept};
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::storage::Stepped;
+use crate::gateway::store::WHAT;
 use crate::gateway::units::Units;
 use crate::observe::asker::Way;
 use crate::observe::events::Event;
@@ -538,7 +539,7 @@ impl Register {
         }
         if kept == Kept::NotYet && self.troubles.now != Some(Trouble::Disk) {
             let why = format!("the disk has not answered for {} s", DISK_PATIENCE.as_secs());
-            shared.report(&Event::NotKept { what: "the ledger".to_owned(), why });
+            shared.report(&Event::NotKept { what: WHAT.to_owned(), why });
         }
         self.troubles.now = self.troubles.now.or(Some(Trouble::Disk));
         Some(Fact::NotKept)
