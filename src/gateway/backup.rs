@@ -3,6 +3,7 @@
 //! A backup is of another day, and nobody knows what was written since. The state comes back in question: every axis is off
 //! until a person arms, and before that no share of a register that an operator writes to is taken to be ours.
 
+use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::Path;
 
@@ -78,18 +79,19 @@ fn one_put_back(
     }
     // Another directory has no number of it.
     let seal = Seal { in_question: true, named: 0, ..seal };
-    let document = doubted(content).and_then(|(state, outputs)| render(&seal, &state, &outputs));
-    Ok((name.to_owned(), document.map_err(|error| wrong(error.to_string()))?))
+    let document = doubted(&seal, content).map_err(|error| wrong(error.to_string()))?;
+    Ok((name.to_owned(), document))
 }
 
-/// Before a person says so, no share is ours; a whole register waits as after a kill. Both parts as JSON.
-fn doubted(content: Content) -> std::io::Result<(Vec<u8>, std::collections::BTreeMap<String, Vec<u8>>)> {
+/// Document in which no share is ours before a person says so, and a whole register waits as after a kill.
+fn doubted(seal: &Seal, content: Content) -> std::io::Result<Vec<u8>> {
     let Content { state, mut outputs } = content.not_in_order();
     for entry in outputs.values_mut().filter(|entry| entry.kept.account.is_some()) {
         entry.kept = Kept::in_question(Doubt::Restored);
     }
     let outputs = outputs.iter().map(|(name, entry)| Ok((name.clone(), serde_json::to_vec(entry)?)));
-    Ok((serde_json::to_vec(&state)?, outputs.collect::<serde_json::Result<_>>()?))
+    let outputs: BTreeMap<String, Vec<u8>> = outputs.collect::<serde_json::Result<_>>()?;
+    render(seal, &serde_json::to_vec(&state)?, &outputs)
 }
 
 fn file_name(machine: &str) -> String {

@@ -3,35 +3,17 @@
 //!
 //! The [store](super::store) keeps it on disk. Whoever depends on that asks for the result.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
-
 use super::Options;
 pub(super) use super::store::Kept;
-use super::store::{Content, Opened, WHAT, Writer};
+use super::store::{Content, Entries, Entry, Opened, WHAT, Writer, fits};
 use crate::clock::Clock;
 use crate::observe::events::{Event, Journal};
 use isotherm_core::output::{self, Doubt};
 use isotherm_core::quantity::{Counts, Shifted};
 use isotherm_profile::{Output, Profile, Share};
-
-/// More counts than any register holds. An entry with more is not one of ours.
-const MOST: u64 = 1 << 40;
-
-/// What is kept, by output.
-pub(super) type Entries = BTreeMap<String, Entry>;
-
-/// What is kept of one output.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Entry {
-    /// Register, and what a count is worth there.
-    pub(super) register: String,
-    pub(super) kept: output::Kept,
-}
 
 /// Outputs of a machine, as the last run left them and as this one keeps them.
 pub(super) struct Ledger {
@@ -199,23 +181,6 @@ fn register(profile: &Profile, output: &Output) -> String {
         encoding.scale.get(),
         encoding.bias
     )
-}
-
-/// A clause about an entry that no register of ours can have.
-pub(super) fn misfit(entries: &Entries) -> Option<String> {
-    let (name, _) = entries.iter().find(|(_, entry)| !all_fit(&entry.kept))?;
-    Some(format!("no register holds as many counts as it says of {name}"))
-}
-
-/// A register of ours can hold so many counts.
-fn fits(counts: Counts) -> bool {
-    counts.unsigned_abs() <= MOST
-}
-
-fn all_fit(kept: &output::Kept) -> bool {
-    let account = kept.account.iter().flat_map(|account| [account.base, account.share]);
-    let promises = kept.promises.iter().map(|promise| promise.value);
-    account.chain(promises).chain(kept.stood).all(fits)
 }
 
 fn is_shared(output: &Output) -> bool {

@@ -30,7 +30,7 @@ impl Left {
         let has_logs = options.has_threads && keeping::logs(directory, machine).iter().any(is_log);
         let mut opened = store::open(&options.disk, (directory, machine), has_logs, clock.stamp(now));
         if let Some((version, kept)) = opened.earlier.take() {
-            journal.report(now, &Event::TakenFromEarlier { what: WHAT, version, kept });
+            journal.report(now, &Event::TakenFromEarlier { what: "saved state", version, kept });
         }
         let state = match &mut opened.found {
             Ok(content) => content.as_mut().and_then(|content| content.state.take()),

@@ -37,12 +37,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use serde_json::Value;
 
 use super::disk::{Disk, refuse_what_others_may_write};
-use super::ledger::Entries;
 use crate::fieldbus::explain::system;
 use isotherm_core::quantity::Moment;
 
 pub(super) mod document;
 mod earlier;
+mod entry;
 mod file;
 mod names;
 pub(super) mod number;
@@ -51,6 +51,7 @@ mod tests;
 mod writer;
 
 use document::{Seal, Unfit, VERSION};
+pub(super) use entry::{Entries, Entry, fits};
 pub(super) use file::StoreFile;
 pub(super) use names::{by_name, by_place};
 pub(super) use writer::{Kept, Writer};

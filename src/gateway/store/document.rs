@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::Content;
-use crate::gateway::ledger::{Entries, misfit};
+use super::entry::{Entries, misfit};
 use isotherm_core::quantity::Moment;
 
 /// Layout that this program writes.

@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::document::{Seal, Unfit, check, parse};
+use super::entry::{Entries, misfit};
 use super::{Content, Found, by_name, path, read};
 use crate::gateway::disk::Disk;
-use crate::gateway::ledger::{Entries, misfit};
 use isotherm_core::quantity::Moment;
 
 /// Layouts of state and ledger.

@@ -9,9 +9,9 @@ use serde::Serialize;
 
 use super::Question;
 use super::document::{Seal, render};
+use super::entry::Entry;
 use super::number::{self, Number};
 use crate::gateway::disk::Disk;
-use crate::gateway::ledger::Entry;
 
 /// Document of a machine and the file of its number.
 pub(in crate::gateway) struct StoreFile {

@@ -11,10 +11,9 @@ use std::time::Duration;
 
 use tokio::sync::watch;
 
-use super::{Question, StoreFile, WHAT};
+use super::{Entry, Question, StoreFile, WHAT};
 use crate::clock::{Clock, Patience};
 use crate::fieldbus::explain::system;
-use crate::gateway::ledger::Entry;
 use crate::gateway::memory::Memory;
 use crate::observe::events::{Event, Journal};
 

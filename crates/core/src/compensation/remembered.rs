@@ -156,12 +156,6 @@ impl Stop {
     }
 }
 
-impl From<Machine> for Remembered {
-    fn from(machine: Machine) -> Remembered {
-        Remembered { machine, ..Remembered::default() }
-    }
-}
-
 impl AxisMemory {
     pub(super) fn of(
         settings: &AxisSettings,
