@@ -43,11 +43,12 @@ pub(in crate::gateway) struct Writer {
     is_slow: AtomicBool,
 }
 
-/// The newest version that is on disk, and the newest that could not be put there.
+/// The newest version that is on disk, the newest that could not be put there, and the newest with which the number is done, too.
 #[derive(Clone, Copy, Debug, Default)]
 struct Done {
     kept: u64,
     failed: u64,
+    settled: u64,
 }
 
 /// What the thread and its owner share.
@@ -137,13 +138,11 @@ impl Writer {
         }
     }
 
-    /// Waits for everything, at the end of a run.
+    /// Waits for document and number, at the end of a run.
     pub(in crate::gateway) async fn finish(&self, span: Duration) {
         let version = self.shared.newest().version;
-        self.is_slow.store(false, Ordering::Relaxed);
-        if version > 0 {
-            let _ = self.kept(version, span).await;
-        }
+        let mut done = self.done.clone();
+        let _ = Patience::new().within(span, done.wait_for(|done| done.settled >= version)).await;
     }
 
     pub(in crate::gateway) fn question(&self) -> &Question {
@@ -197,8 +196,10 @@ impl Saving {
             Ok(()) => done.kept = version,
             Err(_) => done.failed = version,
         });
-        // Nobody waits for the number.
-        let event = match saved.and_then(|()| self.file.save_number()) {
+        // Only the end of a run waits for the number.
+        let numbered = saved.and_then(|()| self.file.save_number());
+        self.done.send_modify(|done| done.settled = version);
+        let event = match numbered {
             Ok(()) if std::mem::take(&mut self.is_failing) => Event::KeptAgain { what: WHAT.to_owned() },
             Err(error) if !std::mem::replace(&mut self.is_failing, true) => {
                 Event::NotKept { what: WHAT.to_owned(), why: format!("{}; {OTHERWISE}", system(&error)) }
