@@ -58,7 +58,6 @@ mod probing;
 mod rates;
 mod reported;
 mod restart;
-mod sealed;
 mod service_manager;
 mod shared;
 mod sign;
@@ -66,6 +65,7 @@ mod signing;
 mod stand_in;
 mod status;
 mod storage;
+mod store;
 mod successor;
 pub mod templates;
 mod units;
@@ -95,7 +95,7 @@ pub use wire_log::WireLog;
 
 /// Why an axis waits for a person.
 const NOT_BELIEVED: &str = "what was saved here did not fit (see the events) or was put back from a backup, and nobody has armed since";
-/// How long the end of a run waits for the ledger to be on disk.
+/// How long the end of a run waits until the state is on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 
 /// How often a service manager hears that a stop goes on.
@@ -118,7 +118,7 @@ pub struct Options {
     /// Where state and log are kept; nowhere without it. Whoever gives none answers for it that nothing of an earlier run
     /// is still on its way to a register.
     pub directory: Option<PathBuf>,
-    /// Where state and ledger are kept in that directory.
+    /// Where the state is kept in that directory.
     pub disk: Arc<dyn Disk>,
     /// Disk and watch have threads of their own. Without them there is no watch and no log, everything happens in the one
     /// runtime, and a simulation repeats bit for bit.
@@ -207,19 +207,25 @@ impl Gateway {
         if let Err(why) = &options.handover {
             journal.report(clock.now(), &Event::HandoverRefused { why: why.clone() });
         }
-        let Left { recalled, correction, state, ledger, is_first, pair } =
-            Left::open(&options, &profile, (&journal, clock));
-        let storage = match (options.directory.as_deref(), state) {
-            (Some(directory), Some(state)) if options.has_threads => {
-                let (kept, dry_run) = ((directory, state), options.dry_run);
+        let Left { recalled, correction, opened } = Left::open(&options, &profile, (&journal, clock));
+        let remembers = |output: &str| recalled.verified.contains(output);
+        let (ledger, writer) = match opened {
+            None => (Ledger::of_nothing(&profile, (&journal, clock)), None),
+            Some(opened) => {
+                let (ledger, writer) =
+                    Ledger::open(&profile, &options, opened, remembers, (journal.clone(), clock));
+                (ledger, Some(writer))
+            }
+        };
+        let is_in_question = writer.as_ref().is_some_and(|writer| writer.question().is_open());
+        let storage = match (options.directory.as_deref(), writer) {
+            (Some(directory), Some(writer)) if options.has_threads => {
+                let (kept, dry_run) = ((directory, writer), options.dry_run);
                 Storage::start(&profile, kept, dry_run, journal.clone(), (clock, correction))
             }
-            (_, Some(state)) => Storage::without_log(state, clock),
+            (_, Some(writer)) => Storage::without_log(writer, clock),
             (_, None) => Storage::default(),
         };
-        let remembers = |output: &str| recalled.verified.contains(output);
-        let ledger =
-            Ledger::open(&profile, &options, (ledger, is_first), remembers, (journal.clone(), clock));
         let sleepers: Vec<Sleeper> = profile.buses.iter().map(|_| clock.join()).collect();
         let wakeups = sleepers.iter().map(Sleeper::wakeup).collect();
         let was_driven = |axis: usize| {
@@ -234,7 +240,7 @@ impl Gateway {
             if let Ok(Some(handover)) = &options.handover {
                 handover.go_on(&mut core, clock.now());
             }
-            if pair.is_some_and(|pair| pair.is_in_question()) {
+            if is_in_question {
                 (0..core.arming.len()).for_each(|axis| core.disarm(AxisId(axis), NOT_BELIEVED));
             }
             core
@@ -331,8 +337,9 @@ impl Gateway {
         let left = ending::what_is_left(&self.shared);
         self.shared.report(&Event::Stopped { left: left.clone() });
         ending::end_registers(&self.shared);
+        let failed = self.keep_for_the_last_time().await;
         self.shared.ledger.finish(LAST_PATIENCE).await;
-        (left, self.keep_for_the_last_time().await)
+        (left, failed)
     }
 
     /// Lets the outputs of all lines rest, and waits until none is under way. `false` if that takes too long.

@@ -116,7 +116,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
     }
     let kept = gateway::backup::take(&directory, &profile.name).map_err(anyhow::Error::msg)?;
-    if kept.is_empty() {
+    if kept.is_none() {
         say_beside!("there is no state of {} in {}: the backup has none", profile.name, directory.display());
     }
     files.extend(kept.into_iter().map(|(name, bytes)| (format!("{STATE}/{name}"), MODE, bytes)));

@@ -1,39 +1,31 @@
-//! What of the outputs must outlive the process: the division of a shared register, what may still appear in a
-//! register, and whether the last run ended in order. How that is used: [`isotherm_core::output`].
+//! What of the outputs must outlive the process: the division of a shared register, what may still appear in a register, and
+//! whether the last run ended in order. [`isotherm_core::output`] uses it.
 //!
-//! One JSON file in the state directory (`file.rs`). A thread of its own puts it on disk; whoever depends on that asks
-//! what became of it.
+//! The [store](super::store) keeps it on disk. Whoever depends on that asks for the result.
 
-use isotherm_core::quantity::{Counts, Shifted};
 use std::sync::Arc;
 use std::time::Duration;
 
 use super::Options;
-use super::sealed::pair::Opened;
+pub(super) use super::store::Kept;
+use super::store::{Content, Entries, Entry, Opened, WHAT, Writer, fits};
 use crate::clock::Clock;
 use crate::observe::events::{Event, Journal};
 use isotherm_core::explained::Explained;
 use isotherm_core::output::{self, Doubt};
+use isotherm_core::quantity::{Counts, Shifted};
 use isotherm_profile::{Output, Profile, Share};
 
-pub(super) mod file;
-mod writer;
-
-use file::{Entries, Entry, LedgerFile, register};
-pub(super) use writer::Kept;
-use writer::LedgerWriter;
-
-const WHAT: &str = "the ledger";
-/// What of each output is on disk.
+/// Outputs of a machine, as the last run left them and as this one keeps them.
 pub(super) struct Ledger {
     profile: Arc<Profile>,
-    /// On disk there are stamps.
+    /// Moments on disk are stamps.
     clock: Clock,
-    /// `None` where nothing is ever kept.
-    writer: Option<LedgerWriter>,
+    /// `None` if nothing is ever kept.
+    writer: Option<Arc<Writer>>,
     found: Entries,
-    /// Nothing of ours has ever been in a register of ours alone: no run has left anything here; or whoever runs a
-    /// gateway that keeps nothing answers for that.
+    /// No run has ever written to a register: none has left anything here, or the caller of a gateway that keeps nothing
+    /// answers for that.
     is_first: bool,
     /// Nothing on disk says any more that a run ended in order.
     is_unmarked: bool,
@@ -51,51 +43,44 @@ pub(super) enum Keeping {
 }
 
 impl Ledger {
-    /// Opens the ledger of a machine. Without a directory nothing is kept, in a dry run nothing is changed. `remembers`:
-    /// whether an offset of this output was verified before; `is_first`: no run before this one has left anything.
+    /// Ledger of a gateway that keeps nothing.
+    pub(super) fn of_nothing(profile: &Arc<Profile>, (journal, clock): (&Journal, &Clock)) -> Ledger {
+        if profile.outputs.iter().any(is_shared) {
+            let why = "there is no state directory; name one with --state".to_owned();
+            journal.report(clock.now(), &Event::NotKept { what: WHAT.to_owned(), why });
+        }
+        let (profile, clock) = (profile.clone(), clock.clone());
+        Ledger { profile, clock, writer: None, found: Entries::new(), is_first: true, is_unmarked: true }
+    }
+
+    /// Opens the ledger of a machine, and the writer of its store. A dry run changes nothing of the outputs. `remembers`: an
+    /// offset was verified in this output before.
     pub(super) fn open(
         profile: &Arc<Profile>,
         options: &Options,
-        (opened, is_first): (Option<Opened>, bool),
+        Opened { found: opened, mut file, is_first, .. }: Opened,
         remembers: impl Fn(&str) -> bool,
         (journal, clock): (Arc<Journal>, &Clock),
-    ) -> Ledger {
-        let profile = profile.clone();
-        let not_kept = |why| journal.report(clock.now(), &Event::NotKept { what: WHAT.to_owned(), why });
-        let Some(opened) = opened else {
-            if profile.outputs.iter().any(is_shared) {
-                not_kept(Explained::new("there is no state directory", "name one with --state"));
-            }
-            return Ledger {
-                profile,
-                clock: clock.clone(),
-                writer: None,
-                found: Entries::new(),
-                is_first: true,
-                is_unmarked: true,
-            };
-        };
-        let (mut file, read) = LedgerFile::open(opened);
-        let (mut before, is_readable) = match read {
-            Ok(entries) => (entries.unwrap_or_default(), true),
-            Err(why) => {
-                journal.report(clock.now(), &Event::NotBelieved { why });
-                (Entries::new(), false)
-            }
-        };
-        let found = found(&profile, &mut before, is_readable, remembers);
-        if options.dry_run {
-            let clock = clock.clone();
-            return Ledger { profile, clock, writer: None, found, is_first, is_unmarked: true };
+    ) -> (Ledger, Arc<Writer>) {
+        let is_readable = opened.is_ok();
+        let content = opened.ok().flatten().unwrap_or_default();
+        let found = found(profile, content.outputs.clone(), is_readable, remembers);
+        let ours = || Content { outputs: found.clone(), ..Content::default() }.not_in_order();
+        let entries = if options.dry_run && is_readable { content.outputs } else { ours().outputs };
+        entries.iter().for_each(|(name, entry)| file.set_output(name, entry));
+        // A document that is not accepted does not say that anything was in order. It is kept aside before it is replaced,
+        // which a start does not wait for.
+        let is_saved = is_readable && !options.dry_run && file.save().is_ok();
+        if is_saved {
+            // If that fails, the writer tries it again and reports it.
+            let _ = file.save_number();
         }
-        let mut entries = found.clone();
-        entries.values_mut().for_each(|entry| entry.kept.in_order = false);
-        // What cannot be used does not say that anything was in order, and is first kept aside.
-        let is_saved = is_readable && file.save(&entries).is_ok();
-        let is_unmarked = is_saved || !is_readable || file.is_marked_begun();
-        let writer = Some(LedgerWriter::start(entries, file, (journal, clock), options.has_threads));
-        let clock = clock.clone();
-        Ledger { profile, clock, writer, found, is_first: is_first && is_saved, is_unmarked }
+        let is_unmarked = is_saved || options.dry_run || !is_readable || file.mark_begun();
+        let writer = Arc::new(Writer::start(file, (journal, clock), options.has_threads));
+        let (profile, clock) = (profile.clone(), clock.clone());
+        let kept = Some(&writer).filter(|_| !options.dry_run).cloned();
+        let is_first = is_first && (is_saved || options.dry_run);
+        (Ledger { profile, clock, writer: kept, found, is_first, is_unmarked }, writer)
     }
 
     /// What was on disk of this output at the start; `None` where that says nothing of its register.
@@ -110,8 +95,8 @@ impl Ledger {
     /// Has this put on disk. `is_needed`: a register that says itself what stands in it need not wait for the disk, once
     /// nothing there says any more that a run ended in order.
     pub(super) fn keep(&self, output: &Output, kept: output::Kept, is_needed: bool) -> Keeping {
-        // What is no number in the register is none here either.
-        let stood = kept.stood.filter(|counts| file::fits(*counts));
+        // A value that no register holds is none here either.
+        let stood = kept.stood.filter(|counts| fits(*counts));
         let entry = Entry {
             register: register(&self.profile, output),
             kept: output::Kept { stood, ..kept }.shifted(self.clock.shift()),
@@ -126,7 +111,7 @@ impl Ledger {
         }
     }
 
-    /// What became of that, waiting for it no longer than `span`: see [`LedgerWriter::kept`].
+    /// Waits for the result: see [`Writer::kept`].
     pub(super) async fn kept(&self, version: u64, span: Duration) -> Kept {
         match &self.writer {
             Some(writer) => writer.kept(version, span).await,
@@ -145,7 +130,7 @@ impl Ledger {
 /// anything of ours in it: else a person decides.
 fn found(
     profile: &Profile,
-    before: &mut Entries,
+    mut before: Entries,
     is_readable: bool,
     remembers: impl Fn(&str) -> bool,
 ) -> Entries {
@@ -153,7 +138,7 @@ fn found(
     for output in &profile.outputs {
         let register = register(profile, output);
         let in_question = |doubt| output::Kept::in_question(doubt);
-        let kept = match take(before, profile, &output.name, &register) {
+        let kept = match take(&mut before, profile, &output.name, &register) {
             Some(entry) if entry.register == register && is_shared(output) && is_ours(output, &entry) => {
                 in_question(Doubt::Lost)
             }
@@ -182,6 +167,21 @@ fn take(entries: &mut Entries, profile: &Profile, name: &str, register: &str) ->
     let former = || entries.iter().find(former).map(|(known, _)| known.clone());
     let key = if entries.contains_key(name) { name.to_owned() } else { former()? };
     entries.remove(&key)
+}
+
+/// Register that the entry of an output must speak of to be its own.
+fn register(profile: &Profile, output: &Output) -> String {
+    let encoding = &output.encoding;
+    let device = &profile.device(output.device).name;
+    format!(
+        "{} of {device}, {} {}{}, {} per count, bias {}",
+        output.address,
+        encoding.data_type.name(),
+        encoding.word_order,
+        if encoding.byte_swap { " byte-swapped" } else { "" },
+        encoding.scale.get(),
+        encoding.bias
+    )
 }
 
 fn is_shared(output: &Output) -> bool {

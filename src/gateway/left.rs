@@ -1,14 +1,12 @@
-//! What a run before this one has left: its state and its ledger, and whether they are believed.
+//! What a run before this one has left, and whether it is accepted.
 
 use std::path::Path;
-use std::sync::Arc;
 
 use super::Options;
-use super::disk::{Disk, refuse_what_others_may_write};
+use super::log::outputs::ENDING;
 use super::memory::{Memory, Recalled};
-use super::sealed::pair::{Opened, open_both, refuse_later};
-use super::sealed::{Pair, SealedFile, Which, named};
-use super::storage::{newest_stamp, not_going_on};
+use super::storage::{keeping, newest_stamp, not_going_on};
+use super::store::{self, Opened, WHAT};
 use crate::clock::{Clock, Correction};
 use crate::observe::events::{Event, Journal};
 use isotherm_core::compensation::Stop;
@@ -19,39 +17,40 @@ pub(super) struct Left {
     pub(super) recalled: Recalled,
     /// The clock does not go on where the last run ended.
     pub(super) correction: Option<Correction>,
-    /// Where the state is kept, if it is.
-    pub(super) state: Option<SealedFile>,
-    pub(super) ledger: Option<Opened>,
-    /// No run has left anything here.
-    pub(super) is_first: bool,
-    pub(super) pair: Option<Arc<Pair>>,
+    /// The store, if there is a directory for it.
+    pub(super) opened: Option<Opened>,
 }
 
 impl Left {
     pub(super) fn open(options: &Options, profile: &Profile, (journal, clock): (&Journal, &Clock)) -> Left {
         let Some(directory) = options.directory.as_deref() else { return Left::default() };
         let (machine, now) = (&profile.name, clock.now());
-        // Where there are no threads, there is no log.
-        let named = options.has_threads.then(|| named::newest(directory, machine)).flatten();
-        let [state, ledger] = open_both(&options.disk, directory, machine, named, clock.stamp(now));
-        for (opened, which) in [(&state, Which::State), (&ledger, Which::Ledger)] {
-            if let Some((version, aside)) = &opened.earlier {
-                let kept = format!("before it is replaced it is kept as {}", aside.display());
-                let (what, version) = (which.name(), *version);
-                journal.report(now, &Event::TakenFromEarlier { what, version, kept });
-            }
+        // Without threads there is no log.
+        let is_log = |log: &keeping::DayLog| log.name.ends_with(ENDING);
+        let has_logs = options.has_threads && keeping::logs(directory, machine).iter().any(is_log);
+        let mut opened = store::open(&options.disk, (directory, machine), has_logs, clock.stamp(now));
+        if let Some((version, kept)) = opened.earlier.take() {
+            journal.report(now, &Event::TakenFromEarlier { what: "saved state", version, kept });
         }
-        let is_first = named.is_none() && matches!((&state.found, &ledger.found), (Ok(None), Ok(None)));
-        let Opened { found, file, .. } = state;
-        let recalled =
-            found.and_then(|found| Memory::recall(found, profile).map_err(|why| file.is_not_believed(&why)));
-        let mut recalled = recalled.unwrap_or_else(|why| {
+        let state = match &mut opened.found {
+            Ok(content) => content.as_mut().and_then(|content| content.state.take()),
+            Err(why) => {
+                journal.report(now, &Event::NotBelieved { why: why.clone() });
+                None
+            }
+        };
+        // It is kept until there is a newer one.
+        state.iter().for_each(|state| opened.file.set_state(state));
+        let recalled = Memory::recall(state, profile).unwrap_or_else(|why| {
+            opened.file.question().open();
+            let why =
+                format!("{WHAT} in {} is not believed: {why}", store::path(directory, machine).display());
             journal.report(now, &Event::NotBelieved { why });
             Recalled::default()
         });
-        let correction = recalled.goes_on((directory, machine), (journal, clock));
-        let pair = Some(Arc::clone(file.pair()));
-        Left { recalled, correction, state: Some(file), ledger: Some(ledger), is_first, pair }
+        let mut left = Left { recalled, correction: None, opened: Some(opened) };
+        left.correction = left.recalled.goes_on((directory, machine), (journal, clock));
+        left
     }
 }
 
@@ -86,10 +85,5 @@ impl Recalled {
 /// A sentence with the remedy: a later version of the program has written it, or anybody may write to it.
 pub fn may_start(options: &Options, profile: &Profile) -> Result<(), String> {
     let Some(directory) = options.directory.as_deref() else { return Ok(()) };
-    refuse_what_others_may_write(directory)?;
-    for which in [Which::State, Which::Ledger] {
-        refuse_what_others_may_write(&which.path(directory, &profile.name))?;
-    }
-    let disk: &dyn Disk = &*options.disk;
-    refuse_later(disk, directory, &profile.name)
+    store::may_start(&*options.disk, directory, &profile.name)
 }

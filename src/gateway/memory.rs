@@ -1,34 +1,45 @@
-//! What the gateway remembers over a restart: time since machine start, references, lags, datums, what probings taught,
-//! what it last wrote and verified.
+//! State of a machine over a restart: time since machine start, references, lags, datums, what probings taught, and the Cz
+//! that was verified last.
 //!
-//! One JSON file in the state directory, [sealed](super::sealed), replaced atomically. With one that is not believed the
-//! gateway starts as if it had none, and a person arms.
+//! The [store](super::store) keeps it. If it does not accept a state, the gateway starts without one, and a person arms.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
-use super::sealed::Found;
 use super::sign::SignMemory;
+use super::store::{by_name, by_place};
 use isotherm_core::compensation::Remembered;
 use isotherm_core::quantity::{Moment, Shift, Shifted};
 use isotherm_profile::Profile;
 
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// State at one moment.
+#[derive(Debug)]
 pub(super) struct Memory {
-    pub(super) at: Moment,
-    /// The signals that references and terms count by.
-    pub(super) signals: Vec<String>,
-    #[serde(rename = "machine")]
-    pub(super) remembered: Remembered,
-    /// Cz as last verified in each offset output, µm.
-    pub(super) verified_um: BTreeMap<String, f64>,
-    /// By axis: what is known of its sign.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub(super) signs: BTreeMap<String, SignMemory>,
+    at: Moment,
+    /// Names of the signals, by their places in what is remembered.
+    signals: Vec<String>,
+    remembered: Remembered,
+    verified_um: BTreeMap<String, f64>,
+    signs: BTreeMap<String, SignMemory>,
 }
 
+/// State as the document has it.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SavedState {
+    at: Moment,
+    /// What the compensation remembers, by name.
+    machine: Value,
+    /// Cz as last verified in each offset output, µm.
+    verified_um: BTreeMap<String, f64>,
+    /// By axis: what is known of its sign.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    signs: BTreeMap<String, SignMemory>,
+}
+
+/// State that a run finds.
 #[derive(Debug, Default)]
 pub(super) struct Recalled {
     /// Its moments are stamps, as the clock of that run had them.
@@ -59,32 +70,28 @@ impl Memory {
         Memory { at: self.at.shifted(shift), remembered, ..self }
     }
 
-    /// What was saved.
+    /// What is saved of it.
+    pub(super) fn saved(self) -> serde_json::Result<SavedState> {
+        let mut machine = serde_json::to_value(&self.remembered)?;
+        by_name(&mut machine, &self.signals);
+        Ok(SavedState { at: self.at, machine, verified_um: self.verified_um, signs: self.signs })
+    }
+
+    /// Reads what was saved, for the signals of this profile.
     ///
     /// # Errors
-    /// A clause: it says nothing of a machine.
-    pub(super) fn recall(found: Option<Found>, profile: &Profile) -> Result<Recalled, String> {
-        let memory = match found {
-            None => return Ok(Recalled::default()),
-            Some(Found::Sealed(_, content)) => serde_json::from_value(content),
-            Some(Found::Earlier(_, bytes)) => earlier(&bytes),
-        };
-        let memory: Memory = memory.map_err(|error| error.to_string())?;
-        let remembered = memory.remembered.for_signals(
-            |name| memory.signals.iter().position(|known| known == name),
-            profile.signals.iter().map(|signal| signal.name.as_str()),
-        );
-        let verified = memory.verified_um.into_keys().collect();
-        Ok(Recalled { remembered, at: Some(memory.at), verified, signs: memory.signs })
+    /// A clause: it says nothing about a machine.
+    pub(super) fn recall(state: Option<Value>, profile: &Profile) -> Result<Recalled, String> {
+        let Some(state) = state else { return Ok(Recalled::default()) };
+        let read = serde_json::from_value(state).and_then(|mut state: SavedState| {
+            let signals: Vec<&str> = profile.signals.iter().map(|signal| signal.name.as_str()).collect();
+            by_place(&mut state.machine, &signals);
+            let remembered = serde_json::from_value(state.machine)?;
+            let verified = state.verified_um.into_keys().collect();
+            Ok(Recalled { remembered, at: Some(state.at), verified, signs: state.signs })
+        });
+        read.map_err(|error| error.to_string())
     }
-}
-
-/// A state of before there were seals: the first layout had no lags and no datums, the second no corrections by
-/// probing.
-fn earlier(bytes: &[u8]) -> serde_json::Result<Memory> {
-    let mut content: serde_json::Map<String, serde_json::Value> = serde_json::from_slice(bytes)?;
-    content.remove("version");
-    serde_json::from_value(content.into())
 }
 
 #[cfg(test)]

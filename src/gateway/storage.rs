@@ -1,4 +1,5 @@
-//! Keeps the logs and the state on disk, by a thread of its own: a full or slow disk changes nothing on the bus.
+//! Keeps the logs on disk, by a thread of its own, and hands the state to its writer: a full or slow disk changes nothing on
+//! the bus.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,8 +14,8 @@ use super::log::Recorder;
 use super::log::outputs::ENDING;
 use super::memory::Memory;
 use super::output::OutputState;
-use super::sealed::{Pair, SealedFile};
 use super::sign::SignMemory;
+use super::store::Writer;
 use crate::clock::{Clock, Correction};
 use crate::observe::events::Journal;
 use isotherm_core::compensation::{Compensation, Control, Snapshot, Stop};
@@ -44,12 +45,12 @@ const QUEUE: usize = 4096;
 const OUTPUT_QUEUE: usize = 4096;
 
 /// The loop's end of the queue. Without a directory it keeps nothing.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(super) struct Storage {
     queue: Option<SyncSender<Job>>,
     recorder: Option<Recorder>,
     pub(super) outputs: OutputsLog,
-    /// Rows of decisions and states that found the queue full.
+    /// Rows of decisions that found the queue full.
     dropped: u64,
     remembered: Option<Moment>,
     /// By axis: what is known of its sign.
@@ -63,10 +64,8 @@ pub(super) struct Storage {
     events: Option<EventsWake>,
     /// Ends with the thread.
     working: Option<Receiver<()>>,
-    /// Without a thread, and without a log: where the state is put at once.
-    here: Option<SealedFile>,
-    /// What the documents know of each other.
-    pair: Option<Arc<Pair>>,
+    /// Writer of the state.
+    writer: Option<Arc<Writer>>,
 }
 
 /// What a run's clock says, where it does not go on from `last`, the newest stamp in state or log: it is behind, or too far
@@ -102,19 +101,19 @@ enum Job {
         /// How often rows of outputs had been lost before it was made.
         tear: u64,
     },
-    State {
+    /// What was written of the logs is to be on the disk.
+    Sync {
         at: Moment,
-        memory: Box<Memory>,
     },
     /// There are events that are not on disk.
     Events,
 }
 
 impl Storage {
-    /// Keeps the logs and the state of this machine in this directory.
+    /// Keeps the logs of this machine in this directory, and its state.
     pub(super) fn start(
         profile: &Profile,
-        (directory, state): (&Path, SealedFile),
+        (directory, writer): (&Path, Arc<Writer>),
         dry_run: bool,
         journal: Arc<Journal>,
         (clock, correction): (&Clock, Option<Correction>),
@@ -125,9 +124,8 @@ impl Storage {
         let stamps = || Stamps::by(clock, correction);
         let outputs = OutputsLog::new(profile, queue.clone(), stamps());
         let header = if dry_run { Recorder::dry_header(profile) } else { Recorder::header(profile) };
-        let pair = Some(Arc::clone(state.pair()));
         let tears = (Arc::clone(&torn), outputs.tears());
-        let mut thread = StorageThread::new(profile, (directory, state), header, tears, journal.clone());
+        let mut thread = StorageThread::new(profile, directory, header, tears, journal.clone());
         let events = Some(EventsWake::begin(journal, queue.clone(), thread.is_woken()));
         let (ends_with_the_thread, working) = sync_channel(0);
         let work = move || {
@@ -138,15 +136,13 @@ impl Storage {
         let _ = std::thread::Builder::new().name("storage".to_owned()).spawn(work);
         let recorder = Some(Recorder::new(profile).of_dry_run(dry_run));
         let (queue, working) = (Some(queue), Some(working));
-        let stamps = stamps();
-        Storage { queue, recorder, outputs, torn, events, working, stamps, pair, ..Storage::default() }
+        let (stamps, writer) = (stamps(), Some(writer));
+        Storage { queue, recorder, outputs, torn, events, working, stamps, writer, ..Storage::default() }
     }
 
-    /// Keeps the state alone, at once.
-    pub(super) fn without_log(state: SealedFile, clock: &Clock) -> Storage {
-        let stamps = Stamps::by(clock, None);
-        let pair = Some(Arc::clone(state.pair()));
-        Storage { here: Some(state), stamps, pair, ..Storage::default() }
+    /// Keeps the state alone.
+    pub(super) fn without_log(writer: Arc<Writer>, clock: &Clock) -> Storage {
+        Storage { writer: Some(writer), stamps: Stamps::by(clock, None), ..Storage::default() }
     }
 
     /// Before a step: where its row is the first of a file, or rows before it are lost, the row says where the axes
@@ -180,8 +176,8 @@ impl Storage {
 
     /// A person has armed: whatever did not fit at the start, he answers for it.
     pub(super) fn answered(&self) {
-        if let Some(pair) = &self.pair {
-            pair.answered();
+        if let Some(writer) = &self.writer {
+            writer.question().close();
         }
     }
 
@@ -191,12 +187,12 @@ impl Storage {
         }
     }
 
-    /// The state is queued with the next step.
+    /// The state is handed over with the next step.
     pub(super) fn remember_soon(&mut self) {
         self.remembered = None;
     }
 
-    /// Queues the state, if that is urgent or the last time was long enough ago.
+    /// Hands the state to its writer, if that is urgent or the last time was long enough ago.
     pub(super) fn remember(
         &mut self,
         (now, is_urgent): (Moment, bool),
@@ -205,20 +201,14 @@ impl Storage {
         outputs: &[OutputState],
     ) {
         let is_due = is_urgent || self.remembered.is_none_or(|last| now.since(last) >= REMEMBER_EVERY);
-        if !is_due || (self.queue.is_none() && self.here.is_none()) {
-            return;
-        }
+        let Some(writer) = self.writer.as_ref().filter(|_| is_due) else { return };
         self.remembered = Some(now);
         let verified = profile.outputs.iter().zip(outputs).filter(|(output, _)| output.writes.is_cz());
         let verified =
             verified.filter_map(|(output, state)| Some((output.name.clone(), state.cz?.get()))).collect();
         let memory = Memory::new(profile, now, compensation.remembered(), verified, self.signs.clone());
-        let memory = memory.stamped(self.stamps.of_the_clock());
-        match &mut self.here {
-            // The next one comes soon.
-            Some(state) => drop(state.save(&memory)),
-            None => drop(self.hand_over(Job::State { at: now, memory: Box::new(memory) })),
-        }
+        writer.remember(memory.stamped(self.stamps.of_the_clock()));
+        let _ = self.hand_over(Job::Sync { at: now });
     }
 
     /// The end of a run: waits until everything queued is on disk; not for ever, where the disk hangs.
@@ -229,7 +219,7 @@ impl Storage {
         }
     }
 
-    /// Rows of the logs and states that a slow disk has cost since the start.
+    /// Rows of the logs that a slow disk has cost since the start.
     pub(super) fn dropped(&self) -> u64 {
         self.dropped + self.outputs.dropped
     }

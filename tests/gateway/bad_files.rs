@@ -143,18 +143,18 @@ fn logs_and_scripts_that_are_none_are_refused_at_once() {
 fn a_gateway_starts_and_ends_whatever_lies_in_its_directory() {
     let name = "interop";
     for (what, lay) in OBSTACLES {
-        for file in ["state.json", "ledger.json", "ledger.begun.json"] {
+        for file in ["state.json", "number", "number.begun", "ledger.json", "ledger.begun.json"] {
             let home = Home::new(MACHINE);
             lay(&home.state.join(format!("{name}.{file}")));
             let said = home.runs_and_ends();
             assert!(said.contains(what) && said.contains("is not believed"), "{file}, {what}:\n{said}");
         }
         let home = Home::new(MACHINE);
-        let kept = ["state.json.bad", "ledger.json.bad", "state.json.new", "ledger.json.new"];
+        let kept = ["state.json.bad", "number.bad", "state.json.new", "number.new"];
         for file in kept {
             lay(&home.state.join(format!("{name}.{file}")));
         }
-        for file in ["state.json", "ledger.json"] {
+        for file in ["state.json", "number"] {
             std::fs::write(home.state.join(format!("{name}.{file}")), "{ half").unwrap();
         }
         let today = String::from_utf8(Command::new("date").args(["-u", "+%F"]).output().unwrap().stdout);
@@ -246,7 +246,7 @@ fn directories_and_files_have_their_modes_whatever_the_umask() {
             names.push(path.file_name().unwrap().to_str().unwrap().to_owned());
         }
         assert!(names.iter().any(|name| name.ends_with("state.json")), "{names:?}");
-        assert!(names.iter().any(|name| name.ends_with("ledger.json")), "{names:?}");
+        assert!(names.iter().any(|name| name.ends_with(".number")), "{names:?}");
     }
 }
 
@@ -255,7 +255,7 @@ fn what_others_may_write_is_refused_with_the_remedy() {
     let home = Home::new(MACHINE);
     home.runs_and_ends();
     let paths =
-        [home.state.clone(), home.state.join("interop.state.json"), home.state.join("interop.ledger.json")];
+        [home.state.clone(), home.state.join("interop.state.json"), home.state.join("interop.number")];
     for path in paths {
         let before = std::fs::metadata(&path).unwrap().permissions();
         std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode(&path) | 0o002)).unwrap();
@@ -267,12 +267,11 @@ fn what_others_may_write_is_refused_with_the_remedy() {
 
 #[test]
 fn what_a_later_version_has_written_is_refused_and_left_as_it_is() {
-    for name in ["interop.state.json", "interop.ledger.json"] {
-        let home = Home::new(MACHINE);
-        home.runs_and_ends();
-        let path = home.state.join(name);
-        std::fs::write(&path, "{ \"version\": 77, \"content\": 5 }").unwrap();
-        home.refuses(1, &["a later version of this program", "layout 77", name, "run that version, or move"]);
-        assert_eq!(std::fs::read_to_string(&path).unwrap(), "{ \"version\": 77, \"content\": 5 }");
-    }
+    let home = Home::new(MACHINE);
+    home.runs_and_ends();
+    let name = "interop.state.json";
+    let path = home.state.join(name);
+    std::fs::write(&path, "{ \"version\": 77, \"content\": 5 }").unwrap();
+    home.refuses(1, &["a later version of this program", "layout 77", name, "run that version, or move"]);
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), "{ \"version\": 77, \"content\": 5 }");
 }

@@ -256,10 +256,10 @@ impl Lane {
 
     /// What the disk says at the moment of a kill.
     fn look_at_the_ledger(&mut self) {
-        let path = self.home.path().join("state/joint.ledger.json");
+        let path = self.home.path().join("state/joint.state.json");
         let Ok(text) = std::fs::read_to_string(path) else { return };
-        let ledger: serde_json::Value = serde_json::from_str(&text).unwrap();
-        let kept = &ledger["content"]["cnc_z"]["kept"];
+        let document: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let kept = &document["outputs"]["cnc_z"]["kept"];
         let account = &kept["account"];
         if account.is_null() {
             return;

@@ -229,7 +229,7 @@ def a_downgrade_meets_a_newer_state_with_words():
     computer.does(f"systemctl stop {UNIT}; dpkg -i /mnt/later-state.deb")
     begin()
     assert running() == "0.1.1", running()
-    until("its state is on the disk", lambda: computer.tries(f"grep -q '\"version\": 5,' {STATE}/walker.state.json")[0] == 0)
+    until("its state is on the disk", lambda: computer.tries(f"grep -q '\"version\": 6,' {STATE}/walker.state.json")[0] == 0)
     before = process()
     said = holds(400, lambda: computer.does("dpkg -i /mnt/isotherm.deb"))
     assert "goes on running" in said and "a later version of this program" in said, said

@@ -34,7 +34,7 @@ mod state;
 pub use guard::Stages;
 pub use model::{CLEARLY_INSIDE, Extrapolation, Unusable};
 pub use probe::{Measured, MeasuredReport, Probe, Probed, Refused, Rejected, Residual};
-pub use remembered::{AxisRemembered, Remembered, Stop};
+pub use remembered::{AxisMemory, Remembered, Stop};
 pub use running::AxisRunning;
 pub use stand_in::{Distrusted, StoodIn};
 pub use state::AxisState;

@@ -14,6 +14,7 @@ use crate::gateway::blamed::of_an_output;
 use crate::gateway::ledger::{Keeping, Kept};
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::storage::Stepped;
+use crate::gateway::store::WHAT;
 use crate::gateway::units::Units;
 use crate::observe::asker::Way;
 use crate::observe::events::Event;
@@ -383,7 +384,7 @@ impl Register {
                 format!("the disk has not answered for {} s", DISK_PATIENCE.as_secs()),
                 "is it full, slow or broken?",
             );
-            shared.report(&Event::NotKept { what: "the ledger".to_owned(), why });
+            shared.report(&Event::NotKept { what: WHAT.to_owned(), why });
         }
         Some(Input::Fact(Fact::NotKept))
     }

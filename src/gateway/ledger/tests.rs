@@ -1,10 +1,14 @@
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::*;
 use crate::gateway::disk::{Disk, Files};
-use crate::gateway::sealed::pair::open_both;
+use crate::gateway::memory::Memory;
+use crate::gateway::store;
+use isotherm_core::compensation::{Compensation, Control, Remembered, Snapshot};
 use isotherm_core::output::{Account, Promise, Slots};
 use isotherm_core::quantity::Moment;
+use isotherm_core::reading::Reading;
 
 const GRINDER: &str = include_str!("../../../profiles/surface-grinder.toml");
 
@@ -14,19 +18,24 @@ fn profile() -> Profile {
     profile
 }
 
-fn open(directory: &Path, profile: &Profile) -> (LedgerFile, Result<Option<Entries>, String>) {
+fn open(directory: &Path, profile: &Profile) -> Opened {
     let disk: Arc<dyn Disk> = Arc::new(Files);
-    let [_, ledger] = open_both(&disk, directory, &profile.name, None, Moment::default());
-    LedgerFile::open(ledger)
+    store::open(&disk, (directory, &profile.name), false, Moment::from_nanos(1))
 }
 
 fn found(directory: &Path, profile: &Profile) -> (Entries, Option<String>) {
-    let (_, read) = open(directory, profile);
-    let (mut before, trouble) = match read {
-        Ok(entries) => (entries.unwrap_or_default(), None),
+    let (before, trouble) = match open(directory, profile).found {
+        Ok(content) => (content.unwrap_or_default().outputs, None),
         Err(why) => (Entries::new(), Some(why)),
     };
-    (super::found(profile, &mut before, trouble.is_none(), |_| false), trouble)
+    (super::found(profile, before, trouble.is_none(), |_| false), trouble)
+}
+
+/// Puts entries on disk, with the number.
+fn save(directory: &Path, profile: &Profile, entries: &Entries) {
+    let mut file = open(directory, profile).file;
+    entries.iter().for_each(|(name, entry)| file.set_output(name, entry));
+    file.save().and_then(|()| file.save_number()).unwrap();
 }
 
 /// Something is known of every output.
@@ -41,14 +50,14 @@ fn entries(profile: &Profile) -> Entries {
 
 fn kept(directory: &Path, profile: &Profile) -> Entries {
     let entries = entries(profile);
-    open(directory, profile).0.save(&entries).unwrap();
+    save(directory, profile, &entries);
     entries
 }
 
 fn text_of(profile: &Profile) -> String {
     let directory = tempfile::tempdir().unwrap();
     kept(directory.path(), profile);
-    std::fs::read_to_string(directory.path().join(format!("{}.ledger.json", profile.name))).unwrap()
+    std::fs::read_to_string(directory.path().join(format!("{}.state.json", profile.name))).unwrap()
 }
 
 #[test]
@@ -61,28 +70,13 @@ fn what_is_kept_is_found_again() {
 }
 
 #[test]
-fn each_writing_has_a_number_of_its_own_over_restarts_too() {
-    let directory = tempfile::tempdir().unwrap();
-    let profile = profile();
-    let entries = entries(&profile);
-    let path = directory.path().join(format!("{}.ledger.json", profile.name));
-    for number in [1, 3, 5] {
-        let mut file = open(directory.path(), &profile).0;
-        file.save(&entries).unwrap();
-        let json: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
-        assert_eq!(json["seal"]["number"], number);
-        file.save(&entries).unwrap();
-    }
-}
-
-#[test]
 fn a_file_that_cannot_be_used_puts_every_share_in_question_and_is_kept_aside_before_it_is_replaced() {
     let profile = profile();
-    let name = format!("{}.ledger.json", profile.name);
+    let name = format!("{}.state.json", profile.name);
     let whole = text_of(&profile);
     let half = whole[..whole.len() / 2].to_owned();
-    let changed = whole.replacen("\"share\": 31", "\"share\": 30", 1);
-    let huge = whole.replace("\"share\": 31", "\"share\": 9223372036854775807");
+    let changed = whole.replacen("\"share\":31", "\"share\":30", 1);
+    let huge = whole.replace("\"share\":31", "\"share\":9223372036854775807");
     for spoilt in [half.as_str(), changed.as_str(), huge.as_str(), "", "{}"] {
         let directory = tempfile::tempdir().unwrap();
         std::fs::write(directory.path().join(&name), spoilt).unwrap();
@@ -96,7 +90,7 @@ fn a_file_that_cannot_be_used_puts_every_share_in_question_and_is_kept_aside_bef
             );
         }
         let (entries, _) = found(directory.path(), &profile);
-        open(directory.path(), &profile).0.save(&entries).unwrap();
+        save(directory.path(), &profile, &entries);
         let aside = directory.path().join(&name).with_extension("json.bad");
         assert_eq!(std::fs::read_to_string(aside).unwrap(), spoilt);
         assert_eq!(found(directory.path(), &profile), (entries, None), "the question outlives the file");
@@ -104,37 +98,19 @@ fn a_file_that_cannot_be_used_puts_every_share_in_question_and_is_kept_aside_bef
 }
 
 #[test]
-fn a_ledger_of_the_second_layout_is_taken_and_kept_beside_before_it_is_replaced() {
-    let directory = tempfile::tempdir().unwrap();
-    let profile = profile();
-    let entries = entries(&profile);
-    let sealed = serde_json::to_vec(&(2, 7, &entries)).unwrap();
-    let seal = serde_json::json!({ "number": 7, "checksum": crate::gateway::sealed::checksum(&sealed) });
-    let second = serde_json::json!({ "version": 2, "seal": seal, "outputs": entries }).to_string();
-    let path = directory.path().join(format!("{}.ledger.json", profile.name));
-    std::fs::write(&path, &second).unwrap();
-    assert_eq!(found(directory.path(), &profile), (entries.clone(), None));
-    open(directory.path(), &profile).0.save(&entries).unwrap();
-    assert_eq!(std::fs::read_to_string(path.with_extension("v2.json")).unwrap(), second);
-    assert_eq!(found(directory.path(), &profile), (entries, None));
-
-    std::fs::write(&path, second.replace("31", "30")).unwrap();
-    assert!(found(directory.path(), &profile).1.is_some_and(|why| why.contains("checksum")));
-}
-
-#[test]
-fn where_nothing_can_be_written_the_mark_is_gone_and_what_is_known_is_found_all_the_same() {
+fn a_run_that_can_write_nothing_when_it_begins_leaves_nothing_in_order_and_what_is_known_is_found_all_the_same()
+ {
     let directory = tempfile::tempdir().unwrap();
     let profile = profile();
     let mut in_order = entries(&profile);
     in_order.values_mut().for_each(|entry| entry.kept.in_order = true);
-    let mut file = open(directory.path(), &profile).0;
-    file.save(&in_order).unwrap();
-    assert!(file.is_marked_begun());
+    save(directory.path(), &profile, &in_order);
+    let file = open(directory.path(), &profile).file;
+    assert!(file.mark_begun() && file.mark_begun());
     assert_eq!(found(directory.path(), &profile), (entries(&profile), None), "and no run ended in order");
-    file.save(&in_order).unwrap();
+    save(directory.path(), &profile, &in_order);
     assert_eq!(found(directory.path(), &profile), (in_order, None));
-    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 1);
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 2);
 }
 
 #[test]
@@ -145,7 +121,7 @@ fn a_register_that_was_ours_alone_and_held_something_is_a_question_when_it_is_to
         before
             .values_mut()
             .for_each(|entry| (entry.kept.account, entry.kept.stood) = (None, Some(Counts(stood))));
-        let found = super::found(&profile, &mut before, true, |_| false);
+        let found = super::found(&profile, before, true, |_| false);
         let doubts =
             found.values().all(|entry| entry.kept.account.is_some_and(|one| one.doubt == Some(Doubt::Lost)));
         assert_eq!(doubts, is_question, "{stood}");
@@ -154,13 +130,13 @@ fn a_register_that_was_ours_alone_and_held_something_is_a_question_when_it_is_to
 
 #[test]
 fn what_is_no_number_in_a_register_spoils_nobody_elses_account() {
-    assert!(!file::fits(Counts(i64::MAX / 4)) && file::fits(Counts(i64::from(u32::MAX))));
+    assert!(!fits(Counts(i64::MAX / 4)) && fits(Counts(i64::from(u32::MAX))));
 }
 
 #[test]
 fn a_ledger_that_is_gone_while_the_state_remembers_an_offset_is_a_question() {
     let profile = profile();
-    let entries = super::found(&profile, &mut Entries::new(), true, |_| true);
+    let entries = super::found(&profile, Entries::new(), true, |_| true);
     assert_eq!(entries.len(), profile.outputs.len());
     assert!(entries.values().all(|entry| entry.kept.account.unwrap().doubt == Some(Doubt::Lost)));
 }
@@ -178,4 +154,82 @@ fn what_is_known_goes_with_the_register_not_with_the_name() {
     profile.outputs[0].name.clone_from(&former);
     let elsewhere = found(directory.path(), &profile).0[&former].kept.account.unwrap();
     assert_eq!((elsewhere.doubt, elsewhere.share), (Some(Doubt::Elsewhere), Counts::ZERO));
+}
+
+/// So many axes, each with a sensor, a lag and a shared register.
+fn many(axes: usize) -> Profile {
+    let one = |axis: usize| {
+        format!(
+            "[signal.s{axis}]\ndevice = \"module\"\nregister = \"input:{axis}\"\ntype = \"i16\"\nscale = 0.1\nunit = \"degC\"\n\
+             range = [-10.0, 80.0]\nmax_age = \"5s\"\n\
+             [axis.a{axis}]\nlimit = 40.0\nstep = 1.0\nrate = 6.0\nevery = \"1s\"\non_fault = {{ action = \"hold\" }}\n\
+             [[axis.a{axis}.model]]\nname = \"m\"\nkind = \"linear\"\noffset = 1.0\n\
+             terms = [ {{ signal = \"s{axis}\", gain = 1.0, reference = \"start\", lag = \"30min\" }} ]\n\
+             [output.o{axis}]\naxis = \"a{axis}\"\ndevice = \"cnc\"\nwrites = \"offset\"\nregister = \"holding:{}\"\n\
+             type = \"i32\"\nword_order = \"msw-first\"\nscale = 0.1\nshare = \"ledger\"\n",
+            2 * axis
+        )
+    };
+    let bus = "[machine]\nname = \"many\"\n[bus.cell]\ntype = \"modbus-tcp\"\naddress = \"127.0.0.1:1502\"\n\
+               [device.module]\nbus = \"cell\"\nunit = 1\n[device.cnc]\nbus = \"cell\"\nunit = 2\n";
+    let text = bus.to_owned() + &(0..axes).map(one).collect::<String>();
+    isotherm_profile::parse(Path::new("many.toml"), &text, &[], &[]).unwrap().profile
+}
+
+/// State of that machine after a step.
+fn state_of(profile: &Profile) -> Memory {
+    let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
+    let mut compensation = Compensation::new(profile.machine.clone(), axes, Remembered::default());
+    let now = Moment::from_nanos(1_800_000_000_123_456_789);
+    let readings = vec![Reading::good(21.3, now); profile.signals.len()];
+    compensation.step(&Snapshot::new(now, &readings), &vec![Control::default(); profile.axes.len()]);
+    let verified = profile.outputs.iter().map(|output| (output.name.clone(), 12.3)).collect();
+    Memory::new(profile, now, compensation.remembered(), verified, BTreeMap::new())
+}
+
+fn put(ledger: &Ledger, mut kept: output::Kept, output: &Output, value: i64) -> u64 {
+    kept.account = Some(Account { base: Counts(value), share: Counts(31), doubt: None });
+    match ledger.keep(output, kept, true) {
+        Keeping::Version(version) => version,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+#[ignore = "it measures: cargo test --release --lib promise_takes -- --ignored --nocapture, in BENCH_DIR"]
+fn how_long_a_promise_takes_to_be_on_disk() {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let _inside = runtime.enter();
+    for axes in [1, 500] {
+        let directory = std::env::var_os("BENCH_DIR").map_or(std::env::temp_dir(), Into::into);
+        let directory = tempfile::tempdir_in(directory).unwrap();
+        let (profile, clock) = (Arc::new(many(axes)), Clock::wall());
+        let journal = Arc::new(Journal::by(&clock));
+        let options = Options { directory: Some(directory.path().to_owned()), ..Options::default() };
+        let opened = open(directory.path(), &profile);
+        let (ledger, writer) = Ledger::open(&profile, &options, opened, |_| false, (journal, &clock));
+        let kept = entries(&profile).into_values().next().unwrap().kept;
+        writer.remember(state_of(&profile));
+        let last = profile.outputs.iter().map(|output| put(&ledger, kept, output, 1)).max().unwrap();
+        let waited = |version| runtime.block_on(ledger.kept(version, Duration::from_secs(20)));
+        assert_eq!(waited(last), Kept::Yes);
+        for with_state in [false, true] {
+            let mut spans = Vec::new();
+            for round in 0..600 {
+                // As often as with a promise a second.
+                if with_state && round % 8 == 0 {
+                    writer.remember(state_of(&profile));
+                }
+                let begun = clock.now();
+                let output = &profile.outputs[round % axes];
+                let version = put(&ledger, kept, output, i64::try_from(round).unwrap());
+                assert_eq!(waited(version), Kept::Yes);
+                spans.push(clock.now().since(begun).as_secs_f64() * 1e3);
+            }
+            spans.sort_by(f64::total_cmp);
+            let size = std::fs::metadata(store::path(directory.path(), &profile.name)).unwrap().len();
+            let (median, slow) = (spans[300], spans[594]);
+            println!("{axes} axes, state {with_state}, {size} bytes: p50 {median:.3} ms, p99 {slow:.3} ms");
+        }
+    }
 }

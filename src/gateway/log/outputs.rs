@@ -30,8 +30,8 @@
 //! Positions, heartbeats and control words are written again and again, whatever came of the last time. Of these there are
 //! the rows `cz` (in `value`, µm, where it has changed), `fault` (in `detail`, once until a write is answered),
 //! and `writes` and `failures` (how many since `moment`, a minute or more). A file that begins because the computer's clock
-//! was set says in its first row, `clock`, from when to when. `sealed`, of no output, has the numbers of the state (in `value`)
-//! and the ledger (in `action_value`) on disk, since when there are such (`moment`) and a checksum. A replay passes over them.
+//! was set says in its first row, `clock`, from when to when. `sealed`, of no output, is a row of an earlier version, with the numbers
+//! of state and ledger. A replay passes over them.
 
 use serde::{Deserialize, Serialize};
 
@@ -61,8 +61,8 @@ const FAULT: &str = "fault";
 const WRITES: &str = "writes";
 const FAILURES: &str = "failures";
 const CLOCK: &str = "clock";
-/// The numbers of state and ledger on disk, in `value` and `action_value`; `moment`: since when there are such.
-pub(crate) const SEALED: &str = "sealed";
+/// Numbers of state and ledger in a log of an earlier version.
+const SEALED: &str = "sealed";
 
 /// From what an output goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

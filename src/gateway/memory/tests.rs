@@ -2,7 +2,6 @@ use std::time::Duration;
 
 use super::*;
 use crate::gateway::log::sample;
-use crate::gateway::sealed::{Found, Which};
 use isotherm_core::compensation::model::{Input, Kind, Reference};
 use isotherm_core::compensation::{Compensation, Control, Permit, Snapshot};
 use isotherm_core::quantity::Micron;
@@ -25,8 +24,9 @@ fn gateway(profile: &Profile, remembered: Remembered) -> Compensation {
 }
 
 /// As it is found again at the next start.
-fn saved(memory: Memory) -> Found {
-    crate::gateway::sealed::tests::found_again(Which::State, &memory)
+fn saved(memory: Memory) -> Value {
+    let text = serde_json::to_string(&memory.saved().unwrap()).unwrap();
+    serde_json::from_str(&text).unwrap()
 }
 
 /// Steps every 10 s from one moment to another; the values of axis z's Cz. Temperatures are straight lines.
@@ -93,15 +93,27 @@ fn a_lag_is_found_again_by_its_signals_name_when_the_list_has_changed() {
 }
 
 #[test]
-fn a_file_of_the_first_layout_is_still_read() {
+fn references_are_kept_by_name_and_one_of_a_signal_that_is_gone_is_dropped_with_its_lag() {
     let profile = lagging();
-    let first = br#"{"version":1,"at":5,"signals":["bed"],"machine":{"on_since":3,"was_on":null,"was_zeroed":null,
-        "start":[{"value":20.5,"gathering":null}],"zero":[{"value":21.5,"gathering":null}]},"verified_um":{}}"#;
-    let recalled = Memory::recall(Some(Found::Earlier(1, first.to_vec())), &profile).unwrap();
-    let captured = recalled.remembered.machine.captured(Reference::Zero, isotherm_core::reading::SignalId(0));
-    assert_eq!(captured.map(|captured| captured.value.get()), Some(21.5));
-    let half = first[..60].to_vec();
-    assert!(Memory::recall(Some(Found::Earlier(1, half)), &profile).is_err());
+    let mut before = gateway(&profile, Remembered::default());
+    run(&mut before, 0..1810, None);
+    let memory =
+        Memory::new(&profile, Moment::default(), before.remembered(), BTreeMap::new(), BTreeMap::new());
+    let saved = saved(memory);
+    let names = [&profile.signals[0].name, &profile.signals[1].name];
+    assert!(
+        names.iter().all(|name| saved["machine"]["start"][name.as_str()]["value"].is_number()),
+        "{saved}"
+    );
+    assert_eq!(saved["machine"]["axes"]["z"]["lags"][0]["signal"], names[0].as_str());
+    let mut renamed = profile.clone();
+    renamed.signals[0].name = "renamed".to_owned();
+    let recalled = Memory::recall(Some(saved), &renamed).unwrap().remembered;
+    let captured =
+        |place| recalled.machine.captured(Reference::Start, isotherm_core::reading::SignalId(place));
+    assert!(captured(0).is_none() && captured(1).is_some());
+    let again = serde_json::to_value(&recalled).unwrap();
+    assert_eq!(again["axes"][0]["lags"].as_array().unwrap().len(), 1, "{again}");
 }
 
 #[test]

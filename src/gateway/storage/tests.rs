@@ -90,10 +90,8 @@ fn what_a_full_queue_costs_is_counted() {
 
 mod outputs {
     use super::*;
-    use crate::gateway::disk::{Disk, Files};
     use crate::gateway::log::outputs::{Entry, HEADER, OutputLogReader, OutputReplay, Replayed};
     use crate::gateway::log::sample;
-    use crate::gateway::sealed::pair::open_both;
     use isotherm_core::output::{Action, Controller, Fact, Input, Rules, Settings, State, Verify, Who};
     use isotherm_profile::OutputId;
 
@@ -121,10 +119,8 @@ mod outputs {
         let outputs = OutputsLog::of(["cnc_z", "heartbeat"].map(str::to_owned), (1, 0), queue.clone());
         let header = Recorder::header(&profile);
         let journal = Arc::new(Journal::by(&Clock::simulated(noon(), None)));
-        let disk: Arc<dyn Disk> = Arc::new(Files);
-        let [state, _] = open_both(&disk, directory, &profile.name, None, noon());
         let tears = (Arc::default(), outputs.tears());
-        let thread = StorageThread::new(&profile, (directory, state.file), header, tears, journal);
+        let thread = StorageThread::new(&profile, directory, header, tears, journal);
         let storage = Storage { queue: Some(queue), outputs, ..Storage::default() };
         let settings = Settings {
             step: Counts(2),

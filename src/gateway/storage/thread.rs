@@ -20,7 +20,6 @@ use super::stamps::Stamped;
 use crate::fieldbus::explain::explain_system;
 use crate::gateway::disk::{append, make_directory};
 use crate::gateway::log::outputs::{ENDING, HEADER};
-use crate::gateway::sealed::SealedFile;
 use crate::observe::events::{Event, Journal};
 use isotherm_core::quantity::{Moment, Shifted, time};
 use isotherm_profile::duration_text;
@@ -28,8 +27,6 @@ use isotherm_profile::{Profile, regular};
 
 /// How often it is looked for logs that need not be kept.
 const TIDY_EVERY: Duration = Duration::from_hours(1);
-/// The log of the outputs names the numbers of state and ledger about this often.
-const NAMED_EVERY: Duration = Duration::from_secs(60);
 
 /// Whether a log has this header and ends with a whole row: one that a power cut left half-written would swallow the
 /// next.
@@ -87,10 +84,7 @@ pub(super) fn last_stamp(path: &Path) -> Option<Moment> {
 
 pub(super) struct StorageThread {
     directory: PathBuf,
-    state: SealedFile,
     machine: String,
-    /// When the log of the outputs named the numbers of state and ledger last.
-    named: Option<Moment>,
     log: DayFile,
     outputs: DayFile,
     keep: Keep,
@@ -110,7 +104,7 @@ pub(super) struct StorageThread {
 impl StorageThread {
     pub(super) fn new(
         profile: &Profile,
-        (directory, state): (&Path, SealedFile),
+        directory: &Path,
         header: String,
         (torn, tears): (Arc<AtomicBool>, Arc<Tears>),
         journal: Arc<Journal>,
@@ -118,9 +112,7 @@ impl StorageThread {
         let machine = profile.name.as_str();
         StorageThread {
             directory: directory.to_owned(),
-            state,
             machine: machine.to_owned(),
-            named: None,
             log: DayFile::new(directory, machine, ".csv", header),
             outputs: DayFile::new(directory, machine, ENDING, HEADER.to_owned()),
             keep: Keep { span: profile.history.keep, size: profile.history.max_size },
@@ -164,7 +156,7 @@ impl StorageThread {
                 self.tidy(at, stamped);
                 Some(at)
             }
-            Job::State { at, memory } => {
+            Job::Sync { at } => {
                 self.look_for_logs(at);
                 // That one was put on the disk says nothing where rows are not taken.
                 for (what, done) in
@@ -174,11 +166,6 @@ impl StorageThread {
                         self.report(at, what, done);
                     }
                 }
-                let done = self.state.save(&memory);
-                if done.is_ok() {
-                    self.name_numbers(at);
-                }
-                self.report(at, "the state", done);
                 Some(at)
             }
             Job::Events => None,
@@ -199,17 +186,6 @@ impl StorageThread {
         if let Err(gone) = self.outputs.look() {
             self.whole_since = self.tears.tear();
             self.report(at, "the log of the outputs", Err(gone));
-        }
-    }
-
-    /// The log of the outputs names the numbers of state and ledger, as soon as there is one.
-    fn name_numbers(&mut self, at: Moment) {
-        let is_due = self.named.is_none_or(|last| at.since(last) >= NAMED_EVERY);
-        if let Some((_, stamped)) = self.outputs.of.filter(|_| is_due) {
-            let stamp = at.shifted(stamped.shift);
-            let row = self.state.pair().named().row(stamp);
-            // Where that fails, the next row of an output tells so.
-            self.named = self.outputs.write(stamp, stamped, &row).is_ok().then_some(at);
         }
     }
 

@@ -254,7 +254,7 @@ fn a_diameter_with_a_bias_and_a_register_that_counts_down_works_the_same() {
 fn a_disk_that_takes_no_ledger_keeps_its_output_unwritten_and_changes_nothing_for_the_others() {
     let directory = tempfile::tempdir().unwrap();
     // A directory of that name: it can be neither read nor replaced.
-    fs::create_dir(directory.path().join("bench.ledger.json")).unwrap();
+    fs::create_dir(directory.path().join("bench.state.json")).unwrap();
     let trace = runs(&joint(), &at_start(), directory.path(), &[2 * MINUTE]).remove(0);
     assert_eq!(trace.writes("cnc_z").len(), 0, "{}", trace.lines());
     assert!(trace.reported("not-kept") >= 1 && trace.reported("not-kept") <= 2, "{}", trace.lines());
@@ -301,7 +301,7 @@ fn a_disk_that_fails_later_stops_the_writing_and_the_axis_says_so_until_it_works
 #[test]
 fn a_spoilt_ledger_is_a_question_and_a_person_answers_it() {
     let directory = tempfile::tempdir().unwrap();
-    fs::write(directory.path().join("bench.ledger.json"), "{ half").unwrap();
+    fs::write(directory.path().join("bench.state.json"), "{ half").unwrap();
     let trace = block_on(async {
         let mut world = World::new(&joint(), &at_start()).await;
         let state = Some(directory.path().to_owned());
@@ -318,12 +318,12 @@ fn a_spoilt_ledger_is_a_question_and_a_person_answers_it() {
     );
     assert_eq!(trace.states_between(70, 170), ["active"], "{}", trace.lines());
     near(shares(&trace, 170).0, BASE);
-    let aside = fs::read_to_string(directory.path().join("bench.ledger.json.bad"));
+    let aside = fs::read_to_string(directory.path().join("bench.state.json.bad"));
     assert_eq!(aside.unwrap(), "{ half");
 }
 
 #[test]
-fn a_dry_run_keeps_no_ledger() {
+fn a_dry_run_keeps_nothing_of_an_output() {
     let directory = tempfile::tempdir().unwrap();
     let trace = block_on(async {
         let mut world = World::new(&joint(), &at_start()).await;
@@ -333,7 +333,8 @@ fn a_dry_run_keeps_no_ledger() {
     });
     law::holds(&trace);
     assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
-    assert!(!directory.path().join("bench.ledger.json").exists());
+    let kept = fs::read_to_string(directory.path().join("bench.state.json")).unwrap();
+    assert!(kept.contains("\"outputs\": {\n}"), "{kept}");
 }
 
 /// It keeps nothing aside before that has no sender any more.
@@ -369,7 +370,7 @@ impl Disk for HangingDisk {
 #[test]
 fn a_disk_that_hangs_holds_nobody_up_and_its_output_waits_for_it() {
     let directory = tempfile::tempdir().unwrap();
-    fs::write(directory.path().join("bench.ledger.json"), "{ half").unwrap();
+    fs::write(directory.path().join("bench.state.json"), "{ half").unwrap();
     let (hanging, again) = channel();
     let trace = block_on(async {
         let mut world = World::new(&joint(), &at_start()).await;

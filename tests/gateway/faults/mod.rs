@@ -9,6 +9,7 @@ mod clocks;
 mod commissioning;
 mod counters;
 mod day;
+mod earlier;
 mod handshakes;
 mod keeping;
 mod law;

@@ -1,4 +1,4 @@
-//! State and ledger that were damaged, swapped, copied or lost between two runs: nothing is moved before a person arms.
+//! Document and number that were damaged, swapped, copied or lost between two runs: nothing is moved before a person arms.
 
 use std::fs;
 use std::path::Path;
@@ -11,7 +11,7 @@ use crate::faults::rig::{BENCH, Trace, World, block_on};
 
 const MINUTE: Duration = Duration::from_secs(60);
 const STATE: &str = "bench.state.json";
-const LEDGER: &str = "bench.ledger.json";
+const NUMBER: &str = "bench.number";
 
 /// The bench, whose offset stays where it is when the gateway ends.
 fn held() -> String {
@@ -88,44 +88,41 @@ fn writes_before(trace: &Trace, span: Duration) -> usize {
 #[test]
 fn whatever_was_done_to_the_files_nothing_is_moved_before_a_person_arms() {
     type Harm = (&'static str, fn(&Path, &Path));
-    let harms: [Harm; 15] = [
+    let harms: [Harm; 13] = [
         ("a bit of a reference", |here, _| {
             change(&here.join(STATE), |bytes| {
                 let at = place(bytes, "\"verified_um\"") + 30;
                 bytes[at] ^= 1;
             });
         }),
-        ("a bit of the ledger", |here, _| {
-            change(&here.join(LEDGER), |bytes| {
-                let at = place(bytes, "\"stood\"") + 9;
+        ("a bit of an output", |here, _| {
+            change(&here.join(STATE), |bytes| {
+                let at = place(bytes, "\"stood\"") + 8;
                 bytes[at] ^= 1;
             });
         }),
-        ("a bit of the checksum", |here, _| change(&here.join(STATE), |bytes| bytes[50] ^= 2)),
-        ("a space", |here, _| change(&here.join(LEDGER), |bytes| bytes[3] ^= 0x20)),
-        ("half a state", |here, _| change(&here.join(STATE), |bytes| bytes.truncate(bytes.len() / 2))),
-        ("half a ledger", |here, _| change(&here.join(LEDGER), |bytes| bytes.truncate(bytes.len() / 2))),
-        ("an empty state", |here, _| fs::write(here.join(STATE), "").unwrap()),
-        ("an empty ledger", |here, _| fs::write(here.join(LEDGER), "").unwrap()),
-        ("no state", |here, _| fs::remove_file(here.join(STATE)).unwrap()),
-        ("no ledger", |here, _| fs::remove_file(here.join(LEDGER)).unwrap()),
+        ("a bit of the checksum", |here, _| {
+            change(&here.join(STATE), |bytes| {
+                let at = place(bytes, "\"checksum\"") + 13;
+                bytes[at] ^= 2;
+            });
+        }),
+        ("a space", |here, _| change(&here.join(STATE), |bytes| bytes[1] ^= 0x20)),
+        ("half a document", |here, _| change(&here.join(STATE), |bytes| bytes.truncate(bytes.len() / 2))),
+        ("an empty document", |here, _| fs::write(here.join(STATE), "").unwrap()),
+        ("no document", |here, _| fs::remove_file(here.join(STATE)).unwrap()),
+        ("a bit of the number", |here, _| change(&here.join(NUMBER), |bytes| bytes[0] ^= 1)),
+        ("half a number", |here, _| change(&here.join(NUMBER), |bytes| bytes.truncate(bytes.len() / 2))),
+        ("no number", |here, _| fs::remove_file(here.join(NUMBER)).unwrap()),
         ("neither, but the logs", |here, _| {
             fs::remove_file(here.join(STATE)).unwrap();
-            fs::remove_file(here.join(LEDGER)).unwrap();
+            fs::remove_file(here.join(NUMBER)).unwrap();
         }),
-        ("the state in place of the ledger", |here, _| {
-            fs::copy(here.join(STATE), here.join(LEDGER)).unwrap();
-        }),
-        ("the state of another day", |here, before| {
+        ("the document of another day", |here, before| {
             fs::copy(before.join(STATE), here.join(STATE)).unwrap();
         }),
-        ("the ledger of another day", |here, before| {
-            fs::copy(before.join(LEDGER), here.join(LEDGER)).unwrap();
-        }),
-        ("both of another day", |here, before| {
-            for name in [STATE, LEDGER] {
-                fs::copy(before.join(name), here.join(name)).unwrap();
-            }
+        ("the number of another day", |here, before| {
+            fs::copy(before.join(NUMBER), here.join(NUMBER)).unwrap();
         }),
     ];
     block_on(async {
@@ -155,7 +152,7 @@ fn the_state_of_another_machine_is_not_believed() {
         let directory = Some(elsewhere.path().to_owned());
         other.gateway().options(|options| options.directory = directory).run(5 * MINUTE).await;
         let mut three = Three::new().await;
-        for name in [STATE, LEDGER] {
+        for name in [STATE, NUMBER] {
             let elsewhere = elsewhere.path().join(name);
             let harm = |here: &Path, _: &Path| assert!(fs::copy(elsewhere, here.join(name)).is_ok());
             let trace = three.after(name, harm).await;

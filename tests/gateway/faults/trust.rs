@@ -33,7 +33,7 @@ struct Computer {
     random: Pcg32,
     /// Directories that were taken away.
     taken: usize,
-    /// An older copy of state and ledger.
+    /// An older copy of the state.
     copies: Vec<(PathBuf, Vec<u8>)>,
     seen: BTreeMap<(String, String), u64>,
     what: BTreeMap<&'static str, u32>,
@@ -52,11 +52,13 @@ impl Computer {
         WRONG[self.random.random_range(0..WRONG.len())]
     }
 
-    /// Everything that is kept by name: state and ledger.
-    fn documents(&self) -> Vec<PathBuf> {
+    /// Files that are kept by name, with these endings.
+    fn documents(&self, endings: &[&str]) -> Vec<PathBuf> {
         let entries = fs::read_dir(self.directory()).into_iter().flatten().flatten();
         let paths = entries.map(|entry| entry.path());
-        paths.filter(|path| path.extension().is_some_and(|ending| ending == "json")).collect()
+        let has =
+            |path: &PathBuf| endings.iter().any(|ending| path.extension().is_some_and(|is| is == *ending));
+        paths.filter(has).collect()
     }
 
     /// What becomes of it while no gateway runs.
@@ -70,7 +72,7 @@ impl Computer {
         }
         match self.random.random_range(0..6) {
             0 => {
-                for path in self.documents() {
+                for path in self.documents(&["json", "number"]) {
                     let mut bytes = fs::read(&path).unwrap();
                     let place = self.random.random_range(0..bytes.len());
                     bytes[place] ^= 1 << self.random.random_range(0..7);
@@ -85,7 +87,9 @@ impl Computer {
             2 => self.loses_its_directory(),
             _ => {}
         }
-        let copies = self.documents().into_iter().map(|path| (path.clone(), fs::read(&path).unwrap()));
+        // A number that is as old as its document shows nothing.
+        let copies =
+            self.documents(&["json"]).into_iter().map(|path| (path.clone(), fs::read(&path).unwrap()));
         self.copies = copies.collect();
     }
 

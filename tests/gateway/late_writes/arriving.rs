@@ -115,8 +115,8 @@ impl Came {
             std::thread::sleep(Duration::from_secs(1));
             // A slow disk has that later.
             let held = i64::from(control.lock().unwrap().held.unwrap());
-            let ledger = program.ledger();
-            program.waits_until(&name, || promises(&ledger).contains(&held));
+            let document = program.document();
+            program.waits_until(&name, || promises(&document).contains(&held));
         }
         if killed != Killed::Never {
             program = program.starts_again_after_a_kill();

@@ -148,9 +148,9 @@ impl Program {
         Program { home, profile, running, said }
     }
 
-    /// Where its ledger lies.
-    pub(crate) fn ledger(&self) -> PathBuf {
-        self.home.path().join("state/held.ledger.json")
+    /// Path of its document.
+    pub(crate) fn document(&self) -> PathBuf {
+        self.home.path().join("state/held.state.json")
     }
 
     /// Looks now and then until it is so.
@@ -188,10 +188,10 @@ fn run(home: &tempfile::TempDir, profile: &Path) -> Running {
     Running::start(isotherm(home.path()).arg("run").arg(profile).arg("--state").arg(state))
 }
 
-/// The values of its offset that may still arrive, as this ledger has them.
-pub(crate) fn promises(ledger: &Path) -> Vec<i64> {
-    let text = std::fs::read_to_string(ledger).unwrap_or_default();
-    let ledger: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
-    let kept = ledger["content"]["cnc_z"]["kept"]["promises"].as_array().cloned().unwrap_or_default();
+/// Values of its offset that may still arrive, as this document has them.
+pub(crate) fn promises(document: &Path) -> Vec<i64> {
+    let text = std::fs::read_to_string(document).unwrap_or_default();
+    let document: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    let kept = document["outputs"]["cnc_z"]["kept"]["promises"].as_array().cloned().unwrap_or_default();
     kept.iter().filter_map(|promise| promise["value"].as_i64()).collect()
 }

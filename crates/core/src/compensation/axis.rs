@@ -7,7 +7,7 @@ use super::guard::{Guard, Pace};
 use super::model::{CLEARLY_INSIDE, Lag, Outside, Reference};
 use super::probe::Probe;
 use super::reference::Machine;
-use super::remembered::AxisRemembered;
+use super::remembered::AxisMemory;
 use super::settings::{AxisSettings, Datum, GuardSettings, MachineSettings, OnFault};
 use super::{AxisRunning, AxisState, Control, Decision, Permit, Snapshot, Stages};
 use crate::quantity::{Micron, Moment};
@@ -92,24 +92,24 @@ impl Axis {
     }
 
     /// Takes up what it remembers; a term that is not the one remembered begins anew.
-    pub(super) fn recall(&mut self, remembered: &AxisRemembered) {
+    pub(super) fn recall(&mut self, remembered: &AxisMemory) {
         for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
             for ((place, input), lag) in model.rises().enumerate().zip(lags) {
                 *lag = remembered.lag(&model.name, place, input);
             }
         }
-        remembered.recall_watches(&self.settings.models, &mut self.watched);
+        remembered.recall_watches(&mut self.watched);
         if self.settings.datum == Datum::Zero {
             self.zeroing = remembered.zeroing(self.settings.models.iter().map(|model| model.name.as_str()));
         }
         if let (Some(settings), Some(kept)) = (&self.settings.probe, remembered.probe()) {
-            self.probe.recall(kept, &self.settings.models, settings);
+            self.probe.recall(kept, settings);
         }
     }
 
     /// What is worth keeping over a restart; `None` where that is nothing.
-    pub(super) fn remembered(&self) -> Option<AxisRemembered> {
-        AxisRemembered::of(&self.settings, &self.lags, &self.watched, &self.zeroing, &self.probe)
+    pub(super) fn remembered(&self) -> Option<AxisMemory> {
+        AxisMemory::of(&self.settings, &self.lags, &self.watched, &self.zeroing, &self.probe)
     }
 
     /// Takes up where it stood in the middle of a run.

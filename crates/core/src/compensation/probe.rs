@@ -28,19 +28,17 @@ use serde::{Deserialize, Serialize};
 use super::Control;
 use super::model::Model;
 use super::settings::ProbeSettings;
-use crate::quantity::{Micron, Moment, shifted};
+use crate::quantity::{Micron, Moment, Shift, Shifted, shifted};
 
 mod certainty;
 mod gains;
 mod learned;
-mod remembered;
 mod report;
 
 use report::TakenReports;
 
 pub(super) use certainty::Occasion;
 pub(super) use learned::Learned;
-pub(super) use remembered::ProbeRemembered;
 pub use report::{MeasuredReport, Rejected};
 
 /// How many residuals are kept for people: two days of one an hour.
@@ -100,16 +98,19 @@ pub struct Residual {
 shifted!(Probed: at);
 shifted!(Residual: at);
 
-/// What probings have taught one axis.
-#[derive(Clone, Debug)]
+/// What probings have taught one axis. All of it is kept over a restart.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Probe {
     /// By model.
     pub(super) models: Vec<Learned>,
     last: Option<Probed>,
     history: VecDeque<Residual>,
     /// Reports that were taken, by which a repetition is recognised.
+    #[serde(default, skip_serializing_if = "TakenReports::is_empty")]
     pub(super) reports: TakenReports,
 }
+
+shifted!(Probe: models, last, history, reports);
 
 impl Probe {
     pub(super) fn new(models: &[Model], settings: Option<&ProbeSettings>) -> Probe {
@@ -119,6 +120,25 @@ impl Probe {
             history: VecDeque::with_capacity(if settings.is_some() { KEPT } else { 0 }),
             reports: TakenReports::default(),
         }
+    }
+
+    /// Takes up what was kept, inside the bounds that hold now. A model that has changed since begins at nothing.
+    pub(super) fn recall(&mut self, kept: &Probe, settings: &ProbeSettings) {
+        for learned in &mut self.models {
+            learned.recall(&kept.models, settings);
+        }
+        self.last = kept.last;
+        self.history.extend(kept.history.iter().skip(kept.history.len().saturating_sub(KEPT)));
+        self.reports = kept.reports.clone().newest();
+    }
+
+    /// Takes in how long the machine was away. The time of a manual measurement shifts by the wall clock. How certain a
+    /// correction still is depends on the longest time that the machine can have been away.
+    pub(super) fn away(&mut self, (by_the_clock, at_most): (Shift, Shift)) {
+        self.last.shift(by_the_clock);
+        self.history.shift(by_the_clock);
+        self.reports.shift(by_the_clock);
+        self.models.iter_mut().for_each(|learned| learned.certainty.shift(at_most));
     }
 
     /// The last probing, learned from or not.

@@ -101,19 +101,6 @@ pub struct Noticed {
 }
 
 impl Machine {
-    /// The same machine after its profile has changed: `place` finds a signal's old place by its name.
-    pub fn for_signals<'a>(
-        &self,
-        place: impl Fn(&str) -> Option<usize>,
-        names: impl Iterator<Item = &'a str> + Clone,
-    ) -> Machine {
-        let moved = |captures: &[Capture]| {
-            let old = |name| place(name).and_then(|place| captures.get(place)).copied().unwrap_or_default();
-            names.clone().map(old).collect()
-        };
-        Machine { start: moved(&self.start), zero: moved(&self.zero), ..self.clone() }
-    }
-
     /// The same machine, whose time since its start is counted on from this moment.
     pub(super) fn counted_until(self, at: Moment) -> Machine {
         let on_before = self.on_time(at).unwrap_or_default();

@@ -1,8 +1,8 @@
 //! What is worth keeping over a restart: the machine's references, the lags of the terms, the datum of the axes,
 //! what probings taught them.
 //!
-//! The same stands in the state file and at the first row of a run in its log, so that a replay goes on as the gateway
-//! did. A term is known by axis, model and place; one whose signal, lag or kind of reference is another begins anew.
+//! The state file and the first row of a run in its log hold it, so that a replay decides as the gateway did. A lag is kept with
+//! the axis, the model and the place of its term; a term whose signal, lag or kind of reference has changed starts without it.
 
 use std::time::Duration;
 
@@ -11,11 +11,11 @@ use serde::{Deserialize, Serialize};
 use super::AxisRunning;
 use super::axis::Watched;
 use super::datum::{Level, Zeroing};
-use super::model::{Input, Lag, Lagged, Model, Reference};
-use super::probe::{Probe, ProbeRemembered};
+use super::model::{Input, Lag, Lagged, Reference};
+use super::probe::Probe;
 use super::reference::Machine;
 use super::settings::{AxisSettings, Datum};
-use super::stand_in::WatchRemembered;
+use super::stand_in::Watch;
 use crate::quantity::{Moment, Shift, Shifted, shifted};
 
 /// The memory of a machine.
@@ -26,7 +26,7 @@ pub struct Remembered {
     pub machine: Machine,
     /// Those that have lags, a datum or a probe.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub axes: Vec<AxisRemembered>,
+    pub axes: Vec<AxisMemory>,
     /// Where the axes stood, for a log that goes on in a new file; none after a restart, which begins at rest.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub running: Vec<AxisRunning>,
@@ -34,23 +34,23 @@ pub struct Remembered {
 
 /// The memory of one axis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct AxisRemembered {
+pub struct AxisMemory {
     axis: String,
-    lags: Vec<TermRemembered>,
-    datum: Vec<DatumRemembered>,
+    lags: Vec<KeptLag>,
+    datum: Vec<KeptDatum>,
     /// When a datum that is being taken will be complete.
     datum_until: Option<Moment>,
     /// When the last one was complete.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     datum_at: Option<Moment>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    probe: Option<ProbeRemembered>,
+    probe: Option<Probe>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    watches: Vec<WatchRemembered>,
+    watches: Vec<Watch>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct TermRemembered {
+struct KeptLag {
     model: String,
     term: usize,
     /// By place in the list of signals.
@@ -71,27 +71,12 @@ enum ReferenceKind {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct DatumRemembered {
+struct KeptDatum {
     model: String,
     level: Level,
 }
 
 impl Remembered {
-    /// The same after the profile has changed: `place` finds a signal's old place by its name.
-    pub fn for_signals<'a>(
-        mut self,
-        place: impl Fn(&str) -> Option<usize>,
-        names: impl Iterator<Item = &'a str> + Clone,
-    ) -> Remembered {
-        self.machine = self.machine.for_signals(&place, names.clone());
-        for axis in &mut self.axes {
-            let new_place = |old| names.clone().position(|name| place(name) == Some(old));
-            axis.lags.retain_mut(|term| new_place(term.signal).inspect(|new| term.signal = *new).is_some());
-            axis.watches.retain_mut(|watch| watch.moves(new_place));
-        }
-        self
-    }
-
     /// The same, whose time since machine start is counted on from this moment.
     #[must_use]
     pub fn counted_until(mut self, at: Moment) -> Remembered {
@@ -137,14 +122,14 @@ impl Remembered {
     }
 
     /// The memory of an axis.
-    pub(super) fn axis(&self, name: &str) -> Option<&AxisRemembered> {
+    pub(super) fn axis(&self, name: &str) -> Option<&AxisMemory> {
         self.axes.iter().find(|axis| axis.axis == name)
     }
 }
 
 shifted!(Remembered: machine, axes, running);
-shifted!(AxisRemembered: lags, datum_until, datum_at, probe, watches);
-shifted!(TermRemembered: lagged);
+shifted!(AxisMemory: lags, datum_until, datum_at, probe, watches);
+shifted!(KeptLag: lagged);
 
 /// How long nobody counted, between two runs. The wall's clock says so, if it can be believed.
 ///
@@ -171,25 +156,19 @@ impl Stop {
     }
 }
 
-impl From<Machine> for Remembered {
-    fn from(machine: Machine) -> Remembered {
-        Remembered { machine, ..Remembered::default() }
-    }
-}
-
-impl AxisRemembered {
+impl AxisMemory {
     pub(super) fn of(
         settings: &AxisSettings,
         lags: &[Vec<Lag>],
         watched: &[Watched],
         zeroing: &Zeroing,
         probe: &Probe,
-    ) -> Option<AxisRemembered> {
+    ) -> Option<AxisMemory> {
         let mut terms = Vec::new();
         for (model, lags) in settings.models.iter().zip(lags) {
             for ((place, input), lag) in model.rises().enumerate().zip(lags) {
                 let Some((constant, lagged)) = input.time_constant().zip(lag.kept()) else { continue };
-                terms.push(TermRemembered {
+                terms.push(KeptLag {
                     model: model.name.clone(),
                     term: place,
                     signal: input.signal.0,
@@ -202,44 +181,39 @@ impl AxisRemembered {
         }
         let (levels, datum_until) = zeroing.kept();
         let datum = settings.models.iter().zip(levels).filter(|_| settings.datum == Datum::Zero);
-        let datum = datum.map(|(model, level)| DatumRemembered { model: model.name.clone(), level: *level });
-        let watches = settings.models.iter().zip(watched).filter_map(|(model, watched)| {
-            let (settings, watch) = model.stand_ins.as_ref().zip(watched.watch.as_ref())?;
-            Some(watch.remembered(model, settings))
-        });
-        let kept = AxisRemembered {
+        let datum = datum.map(|(model, level)| KeptDatum { model: model.name.clone(), level: *level });
+        let kept = AxisMemory {
             axis: settings.name.clone(),
             lags: terms,
             datum: datum.collect(),
             datum_until,
             datum_at: zeroing.at(),
-            probe: settings.probe.map(|_| probe.remembered(&settings.models)),
-            watches: watches.collect(),
+            probe: settings.probe.map(|_| probe.clone()),
+            watches: watched.iter().filter_map(|watched| watched.watch.as_ref()).map(Watch::kept).collect(),
         };
         let is_worth_it = !kept.lags.is_empty() || !kept.datum.is_empty() || !kept.watches.is_empty();
         (is_worth_it || kept.probe.is_some()).then_some(kept)
     }
 
     pub(super) fn lag(&self, model: &str, place: usize, input: &Input) -> Lag {
-        let same = |kept: &&TermRemembered| {
+        let same = |kept: &&KeptLag| {
             kept.model == model
                 && (kept.term, kept.signal) == (place, input.signal.0)
                 && (Some(kept.constant), kept.reference) == (input.time_constant(), input.reference.into())
                 && kept.squared == input.squared
         };
-        self.lags.iter().find(same).map_or(Lag::default(), |kept| Lag::recalled(kept.lagged))
+        self.lags.iter().find(same).map(|kept| kept.lagged).into()
     }
 
-    pub(super) fn recall_watches(&self, models: &[Model], watched: &mut [Watched]) {
-        for (model, watched) in models.iter().zip(watched) {
-            let kept = self.watches.iter().find(|kept| kept.model == model.name);
-            if let (Some(settings), Some(watch), Some(kept)) = (&model.stand_ins, &mut watched.watch, kept) {
-                watch.recall(kept, model, settings);
+    pub(super) fn recall_watches(&self, watched: &mut [Watched]) {
+        for watch in watched.iter_mut().filter_map(|watched| watched.watch.as_mut()) {
+            if let Some(kept) = self.watches.iter().find(|kept| kept.model == watch.model) {
+                watch.recall(kept);
             }
         }
     }
 
-    pub(super) fn probe(&self) -> Option<&ProbeRemembered> {
+    pub(super) fn probe(&self) -> Option<&Probe> {
         self.probe.as_ref()
     }
 

@@ -39,11 +39,9 @@ use crate::quantity::{Moment, shifted};
 use crate::reading::SignalId;
 
 mod bank;
-mod remembered;
 mod sensor;
 
 use bank::Gathered;
-pub(super) use remembered::WatchRemembered;
 pub(super) use sensor::Beginning;
 use sensor::{Predicted, Sensor, Verdict};
 use serde::{Deserialize, Serialize};
@@ -81,31 +79,53 @@ pub struct Distrusted {
 
 shifted!(StoodIn: since);
 
-/// The watch over the sensors of one model.
-#[derive(Clone, Debug)]
+/// The watch over the sensors of one model. What it knows is kept over a restart, and in the first row of a log.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Watch {
+    /// Name of the model.
+    pub(super) model: String,
+    /// Fingerprint of the file of stand-ins.
+    pub(super) file: u64,
+    /// Offset and gains that the profile gives the model.
+    numbers: Vec<f64>,
+    /// What the terms of the model read.
+    #[serde(default)]
+    terms: Vec<TermOfModel>,
     /// By sensor of the file.
     sensors: Vec<Sensor>,
     /// By place in the bank.
     bank: Vec<Gathered>,
     /// By term of the model.
     shadows: Vec<Lag>,
-    /// By term of the model: the sensor that it reads.
-    of_terms: Vec<Option<usize>>,
     /// When the minute ends.
     until: Option<Moment>,
     /// When it looked last.
+    #[serde(default)]
     looked: Option<Moment>,
+    /// By term of the model: the sensor that it reads.
+    #[serde(skip)]
+    of_terms: Vec<Option<usize>>,
     /// What is not believed now; it never grows beyond the sensors.
+    #[serde(skip)]
     instead: Vec<Instead>,
     /// By sensor, where it was believed again in this step: what it began from.
+    #[serde(skip)]
     beginnings: Vec<Option<Beginning>>,
 }
+
+/// Signal that a term reads, by its place in the list of signals, and the time constant of its lag.
+type TermOfModel = (usize, Option<Duration>);
+
+shifted!(Watch: sensors, bank, shadows, until, looked);
 
 impl Watch {
     pub(super) fn new(model: &Model, settings: &StandIns) -> Watch {
         let place = |signal| settings.sensors().iter().position(|sensor| sensor.signal == signal);
         Watch {
+            model: model.name.clone(),
+            file: settings.fingerprint(),
+            numbers: model.numbers().collect(),
+            terms: model.rises().map(|input| (input.signal.0, input.time_constant())).collect(),
             sensors: vec![Sensor::default(); settings.sensors().len()],
             bank: vec![Gathered::default(); settings.bank().len()],
             shadows: model.rises().map(|_| Lag::default()).collect(),
@@ -115,6 +135,36 @@ impl Watch {
             instead: Vec::with_capacity(settings.sensors().len()),
             beginnings: vec![None; settings.sensors().len()],
         }
+    }
+
+    /// The same, as it is kept: lags at rest, and nothing that the next step finds out anew.
+    pub(super) fn kept(&self) -> Watch {
+        let mut kept = self.clone();
+        let lags = kept.bank.iter_mut().map(|gathered| &mut gathered.lag).chain(&mut kept.shadows);
+        lags.for_each(|lag| *lag = lag.kept().into());
+        (kept.of_terms, kept.instead, kept.beginnings) = Default::default();
+        kept
+    }
+
+    /// Takes up what was kept of this model with this file.
+    pub(super) fn recall(&mut self, kept: &Watch) {
+        let sizes = |watch: &Watch| (watch.sensors.len(), watch.bank.len(), watch.shadows.len());
+        let is_same = kept.file == self.file && kept.numbers == self.numbers && kept.terms == self.terms;
+        if is_same && sizes(kept) == sizes(self) {
+            let Watch { of_terms, instead, beginnings, .. } = std::mem::replace(self, kept.clone());
+            (self.of_terms, self.instead, self.beginnings) = (of_terms, instead, beginnings);
+        }
+    }
+
+    /// Takes in how long the machine was away. Lags follow over that time; predictions from before it end.
+    pub(super) fn away(&mut self, span: Duration) {
+        if span > PAUSE {
+            self.sensors.iter_mut().for_each(Sensor::pause);
+            self.until = None;
+            self.bank.iter_mut().for_each(Gathered::begin_minute);
+        }
+        let lags = self.bank.iter_mut().map(|gathered| &mut gathered.lag).chain(&mut self.shadows);
+        lags.for_each(|lag| *lag = lag.kept().map(|lagged| lagged.away(span)).into());
     }
 
     /// What is used instead of readings.

@@ -4,6 +4,8 @@
 //! be set right at any moment. What is shown, logged or kept bears the wall's time: the counted moment, shifted. All
 //! moments of a file are shifted alike, so that the spans between them are the counted ones.
 
+use std::collections::VecDeque;
+
 use super::Moment;
 
 /// How much later it is by another clock.
@@ -64,6 +66,12 @@ impl<T: Shifted> Shifted for Option<T> {
 }
 
 impl<T: Shifted> Shifted for Vec<T> {
+    fn shift(&mut self, by: Shift) {
+        self.iter_mut().for_each(|inner| inner.shift(by));
+    }
+}
+
+impl<T: Shifted> Shifted for VecDeque<T> {
     fn shift(&mut self, by: Shift) {
         self.iter_mut().for_each(|inner| inner.shift(by));
     }

@@ -56,8 +56,9 @@ impl TimeConstant {
 /// What follows readings that are all less than this is a finite number.
 const LARGE: f64 = 1e300;
 
-/// The lag of one term.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// The lag of one term. Only its temperatures are kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(from = "Option<Lagged>", into = "Option<Lagged>")]
 pub struct Lag {
     /// Nothing before its first reading.
     lagged: Option<Lagged>,
@@ -82,14 +83,22 @@ pub struct Lagged {
     captured: Moment,
 }
 
+/// The lag as it was kept.
+impl From<Option<Lagged>> for Lag {
+    fn from(lagged: Option<Lagged>) -> Lag {
+        Lag { lagged, ..Lag::NONE }
+    }
+}
+
+impl From<Lag> for Option<Lagged> {
+    fn from(lag: Lag) -> Option<Lagged> {
+        lag.lagged
+    }
+}
+
 impl Lag {
     /// Of what has none.
     pub(super) const NONE: Lag = Lag { lagged: None, is_abreast: false, captures: 0 };
-
-    /// The lag as it was kept.
-    pub fn recalled(lagged: Lagged) -> Lag {
-        Lag { lagged: Some(lagged), ..Lag::NONE }
-    }
 
     /// What is worth keeping.
     pub fn kept(&self) -> Option<Lagged> {
@@ -164,6 +173,7 @@ impl Lag {
     }
 }
 
+shifted!(Lag: lagged);
 shifted!(Lagged: at, captured);
 
 impl Lagged {

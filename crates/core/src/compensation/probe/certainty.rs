@@ -46,18 +46,19 @@ pub(in crate::compensation) struct Occasion {
 }
 
 impl Certainty {
-    /// Of a correction that was kept by a program that did not keep this: so uncertain that it fills its limit.
-    pub(super) fn of_older_program(settings: &ProbeSettings) -> Certainty {
-        let half = 0.5 * settings.limit.get();
-        Certainty { variance: Some(half * half), ..Certainty::default() }
+    /// Certainty of a correction that was kept by a program that did not count it.
+    pub(super) fn uncounted() -> Certainty {
+        Certainty { variance: Some(f64::INFINITY), ..Certainty::default() }
     }
 
-    /// The same under these settings: where probings were taken in by a fixed share, nobody counted how certain it is.
+    /// Certainty under these settings. If nobody has counted it, because probings were taken in by a fixed share or by an older
+    /// program, the correction is so uncertain that it fills its limit.
     pub(super) fn under(self, settings: &ProbeSettings) -> Certainty {
-        let is_counted = self.variance.is_some() || self.touched.is_none();
+        let is_counted = self.variance.map_or(self.touched.is_none(), f64::is_finite);
+        let half = 0.5 * settings.limit.get();
         match settings.filter {
             Filter::Weighed { .. } if !is_counted => {
-                Certainty { touched: self.touched, ..Certainty::of_older_program(settings) }
+                Certainty { variance: Some(half * half), touched: self.touched, doubted: None }
             }
             _ => self,
         }

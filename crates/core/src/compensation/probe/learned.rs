@@ -1,28 +1,52 @@
 //! What one model has learned: an offset, how certain it is, and where the profile allows it the gains of its terms.
 
+use serde::{Deserialize, Serialize};
+
 use super::certainty::{Certainty, Occasion};
 use super::gains::Gains;
 use crate::compensation::model::{Model, Reference};
 use crate::compensation::settings::ProbeSettings;
-use crate::quantity::{Micron, Moment};
+use crate::quantity::{Micron, Moment, shifted};
 
 /// What probings have taught one model.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(in crate::compensation) struct Learned {
+    /// Name of the model.
+    model: String,
+    /// Offset and gains that the profile gives the model.
+    corrects: Vec<f64>,
     /// µm, inside ±limit.
     pub(super) offset: f64,
+    #[serde(default = "Certainty::uncounted")]
     pub(super) certainty: Certainty,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) gains: Option<Gains>,
     /// What the model is measured from is being captured anew, and that is complete here at the earliest.
     pub(super) renews: Option<Moment>,
 }
+
+shifted!(Learned: certainty, renews);
 
 impl Learned {
     pub(super) fn new(model: &Model, settings: Option<&ProbeSettings>) -> Learned {
         let gains = settings.and_then(|settings| settings.gains.map(|gains| (gains, settings.limit.get())));
         let gains = gains.filter(|_| !model.correctable().is_empty());
         let gains = gains.map(|(gains, limit)| Gains::new(model.correctable().len(), gains.limit, limit));
-        Learned { gains, ..Learned::default() }
+        let (model, corrects) = (model.name.clone(), model.numbers().collect());
+        Learned { model, corrects, gains, ..Learned::default() }
+    }
+
+    /// Takes up what was kept of this model with these gains, inside the bounds that hold now.
+    pub(super) fn recall(&mut self, kept: &[Learned], settings: &ProbeSettings) {
+        let is_same = |kept: &&Learned| kept.model == self.model && kept.corrects == self.corrects;
+        let Some(kept) = kept.iter().find(is_same) else { return };
+        let limit = settings.limit.get();
+        self.offset = kept.offset.clamp(-limit, limit);
+        self.certainty = kept.certainty.under(settings);
+        self.renews = kept.renews;
+        if let (Some(gains), Some(kept)) = (self.gains.take(), kept.gains.clone()) {
+            self.gains = Some(kept.recalled(gains));
+        }
     }
 
     /// What it adds to the model's Cz, µm, inside ±limit. `parts`: what each gain contributes to the model's Cz now.

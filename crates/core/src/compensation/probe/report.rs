@@ -178,18 +178,25 @@ pub(super) struct TakenReport {
 shifted!(TakenReport: at);
 
 /// The last reports that were taken, by their last arrival, oldest first.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(in crate::compensation) struct TakenReports(Vec<TakenReport>);
 
+impl Shifted for TakenReports {
+    fn shift(&mut self, by: Shift) {
+        self.0.shift(by);
+    }
+}
+
 impl TakenReports {
-    pub(super) fn recalled(mut taken: Vec<TakenReport>) -> TakenReports {
-        let forgotten = taken.len().saturating_sub(KEPT);
-        taken.drain(..forgotten);
-        TakenReports(taken)
+    /// The newest of them, as many as are remembered.
+    pub(super) fn newest(mut self) -> TakenReports {
+        let forgotten = self.0.len().saturating_sub(KEPT);
+        self.0.drain(..forgotten);
+        self
     }
 
-    pub(super) fn remembered(&self) -> Vec<TakenReport> {
-        self.0.clone()
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
     }
 
     /// Whether a report that arrives `now` is a new measurement since the `datum`. `shift` brings counted time to the wall

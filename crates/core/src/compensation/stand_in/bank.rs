@@ -8,7 +8,7 @@ use crate::compensation::Snapshot;
 use crate::compensation::model::stand_ins::Predictor;
 use crate::compensation::model::{Envelope, Inputs, Lag};
 use crate::compensation::reference::{Machine, Reference};
-use crate::quantity::Moment;
+use crate::quantity::{Moment, shifted};
 
 /// After so many of its time constants a lag has forgotten, but for less than a hundredth, that it began at rest on a machine
 /// that was warm.
@@ -17,18 +17,25 @@ const FORGOTTEN: u32 = 5;
 const BEYOND: f64 = 0.10;
 
 /// An input of the bank.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Gathered {
+    #[serde(rename = "lagged")]
     pub(super) lag: Lag,
     /// Before this its lag says too little, because it began on a machine that was running.
+    #[serde(default)]
     pub(super) ready: Moment,
     /// Of what its sensor read in this minute.
+    #[serde(default)]
     pub(super) own: Mean,
     /// Of what others said that it would have read.
+    #[serde(default)]
     pub(super) lent: Mean,
     /// It is beyond the range on which the model was identified.
+    #[serde(default)]
     pub(super) beyond: bool,
 }
+
+shifted!(Gathered: lag, ready);
 
 /// A mean that is still growing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -181,7 +181,7 @@ proptest! {
             let snapshot = Snapshot::new(now, &readings);
             machine.observe(&settings, &snapshot);
             for ((input, knows), looks_up) in inputs.iter().zip(&mut knows).zip(&mut looks_up) {
-                *looks_up = looks_up.kept().map_or(Lag::default(), Lag::recalled);
+                *looks_up = looks_up.kept().into();
                 looks_up.follow(input, &snapshot, &machine);
                 knows.follow(input, &snapshot, &machine);
                 prop_assert_eq!(knows.kept(), looks_up.kept());

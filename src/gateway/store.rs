@@ -1,0 +1,246 @@
+//! What a gateway keeps over a restart: one document, one number, one writer.
+//!
+//! ```text
+//! NAME.state.json    { "version": 5, "seal": {…, "number": 17, "named": 16}, "state": {…}, "outputs": {…} }
+//! NAME.number        17 1795823557453364912 1c291ca3
+//! ```
+//!
+//! The state has the time since machine start, references and lags, by name of signal and axis. The outputs have what may
+//! still appear in a register, and the division of a shared one. The seal of the document:
+//!
+//! - `checksum`: CRC-32 of every byte of the file, with its own digits as zeros.
+//! - `since`: when the first document of this machine was made here. A copy from elsewhere has another.
+//! - `number`: count of the writings. `named`: the number in its own file when this was written, 0 if there was none.
+//! - `in_question`: something did not fit, and no person has armed since.
+//!
+//! # Which file is older
+//! The writer puts the document on disk first, then the number. The number follows each state (every 8 s, and at the end) and
+//! not each promise, so a promise costs one file.
+//!
+//! | what happened | number in its file | on the next start |
+//! |---|---|---|
+//! | killed before the document | that of the document | fits |
+//! | killed between the two | less, but not less than `named` | fits |
+//! | killed after both | that of the document | fits |
+//! | the document is an older copy | greater | does not fit |
+//! | the number is an older copy | less than `named` | does not fit |
+//! | one of them is gone or damaged | none | does not fit, except that `named` is 0 |
+//!
+//! Nothing here can find that both were replaced by an older pair.
+
+use std::collections::BTreeMap;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use serde_json::Value;
+
+use super::disk::{Disk, refuse_what_others_may_write};
+use crate::fieldbus::explain::system;
+use isotherm_core::quantity::Moment;
+
+pub(super) mod document;
+mod earlier;
+mod entry;
+mod file;
+mod names;
+pub(super) mod number;
+#[cfg(test)]
+mod tests;
+mod writer;
+
+use document::{Seal, Unfit, VERSION};
+pub(super) use entry::{Entries, Entry, fits};
+pub(super) use file::StoreFile;
+pub(super) use names::{by_name, by_place};
+pub(super) use writer::{Kept, Writer};
+
+/// How events name the document.
+pub(super) const WHAT: &str = "the state";
+
+/// Content of a document.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Content {
+    /// State as it was saved; `None` before the first.
+    pub(super) state: Option<Value>,
+    /// What is known of the outputs, by name.
+    pub(super) outputs: Entries,
+}
+
+/// Memory of a machine as a run finds it, and the file for what comes next.
+pub(super) struct Opened {
+    /// `None` if there is none; a sentence if it is not accepted.
+    pub(super) found: Result<Option<Content>, String>,
+    /// Layout of an earlier version of the program, and a clause about its files.
+    pub(super) earlier: Option<(u32, String)>,
+    /// No run has left anything here.
+    pub(super) is_first: bool,
+    pub(super) file: StoreFile,
+}
+
+/// Documents in a directory, before they are compared with the number.
+struct Found {
+    /// Each file, and the ending that it gets if a document of this version replaces it.
+    files: Vec<(PathBuf, &'static str)>,
+    layout: u32,
+    seal: Option<Seal>,
+    content: Result<Option<Content>, Unfit>,
+}
+
+/// Path of the document.
+pub(super) fn path(directory: &Path, machine: &str) -> PathBuf {
+    directory.join(format!("{machine}.state.json"))
+}
+
+/// Opens the memory of a machine. `has_logs`: a run has left its logs here.
+pub(super) fn open(
+    disk: &Arc<dyn Disk>,
+    (directory, machine): (&Path, &str),
+    has_logs: bool,
+    now: Moment,
+) -> Opened {
+    let document = path(directory, machine);
+    let Found { mut files, layout, seal, content } = look(&**disk, directory, machine);
+    let (number_path, number) = number::look(&**disk, directory, machine);
+    let known = number.as_ref().ok().copied().flatten();
+    let is_first = matches!((&content, &number), (Ok(None), Ok(None))) && !has_logs;
+    let content = content.and_then(|content| {
+        let seal = seal.as_ref().filter(|_| content.is_some());
+        let why = number.map_or_else(Some, |number| number::judge(seal, number, has_logs));
+        why.map_or(Ok(content), |why| Err(Unfit::Because(why)))
+    });
+    let is_of_a_later_version = matches!(content, Err(Unfit::Later(_)));
+    let is_earlier = layout < VERSION && matches!(content, Ok(Some(_)));
+    if content.is_err() {
+        files.push((number_path.clone(), ""));
+    }
+    let beside = |(path, replaced): (PathBuf, &str)| {
+        let first = match &content {
+            Err(_) => path.with_added_extension("bad"),
+            Ok(_) => path.with_extension(replaced),
+        };
+        let free = free(&**disk, first);
+        (path, free)
+    };
+    let is_kept_aside = !is_of_a_later_version && (content.is_err() || is_earlier);
+    let files = files.into_iter().filter(|(path, _)| is_kept_aside && disk.has(path));
+    let aside: Vec<(PathBuf, PathBuf)> = files.map(beside).collect();
+    let names: Vec<String> = aside.iter().map(|(_, beside)| beside.display().to_string()).collect();
+    let names = names.join(" and ");
+    let kept = if names.is_empty() { String::new() } else { format!("; it is kept as {names}") };
+    let since = known.map(|known| known.since).or(seal.as_ref().map(|seal| seal.since)).unwrap_or(now);
+    let of_here = seal.as_ref().filter(|seal| seal.since == since);
+    let named = known.map_or(0, |known| known.number);
+    let is_in_question = content.is_err() || seal.as_ref().is_some_and(|seal| seal.in_question);
+    let seal = Seal {
+        machine: machine.to_owned(),
+        since,
+        number: of_here.map_or(named, |seal| seal.number.max(named)),
+        named,
+        ..Seal::default()
+    };
+    let found = content.map(|content| {
+        // A run that could write nothing when it began may have left anything.
+        let is_begun = number_path != number::path(directory, machine);
+        content.map(|content| if is_begun { content.not_in_order() } else { content })
+    });
+    let found =
+        found.map_err(|why| format!("the saved state {} is not believed: {why}{kept}", document.display()));
+    let earlier = is_earlier.then(|| (layout, format!("its files are kept as {names}")));
+    let file = StoreFile {
+        disk: Arc::clone(disk),
+        document,
+        number: number::path(directory, machine),
+        seal,
+        question: Question(Arc::new(AtomicBool::new(is_in_question))),
+        state: Vec::new(),
+        outputs: BTreeMap::new(),
+        aside,
+        former: if is_earlier { earlier::ledgers(directory, machine).to_vec() } else { Vec::new() },
+        is_number_due: true,
+        is_of_a_later_version,
+    };
+    Opened { found, earlier, is_first, file }
+}
+
+impl Content {
+    /// The same, as a run leaves it that does not end in order.
+    pub(super) fn not_in_order(mut self) -> Content {
+        self.outputs.values_mut().for_each(|entry| entry.kept.in_order = false);
+        self
+    }
+}
+
+fn look(disk: &dyn Disk, directory: &Path, machine: &str) -> Found {
+    let document = path(directory, machine);
+    let read = read(disk, &document, |bytes| document::read(bytes, machine));
+    let (seal, content) = match read {
+        Ok(None) | Err(Unfit::Earlier(_)) => return earlier::look(disk, directory, machine),
+        Ok(Some((seal, content))) => (Some(seal), Ok(Some(content))),
+        Err(unfit) => (None, Err(unfit)),
+    };
+    Found { files: vec![(document, "")], layout: VERSION, seal, content }
+}
+
+/// Reads a file; `None` if there is none.
+fn read<T>(
+    disk: &dyn Disk,
+    path: &Path,
+    of: impl FnOnce(&[u8]) -> Result<T, Unfit>,
+) -> Result<Option<T>, Unfit> {
+    match disk.read(path) {
+        Ok(bytes) => of(&bytes).map(Some),
+        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => Ok(None),
+        Err(error) => Err(Unfit::Because(system(&error))),
+    }
+}
+
+/// This name, or with a number one that nothing else has.
+fn free(disk: &dyn Disk, first: PathBuf) -> PathBuf {
+    let numbered = |number: u32| match number {
+        1 => first.clone(),
+        number => first.with_added_extension(number.to_string()),
+    };
+    // An endless series has a free one.
+    (1..).map(numbered).find(|path| !disk.has(path)).unwrap_or(first.clone())
+}
+
+/// Whether a gateway may start with what lies in its directory.
+///
+/// # Errors
+/// A sentence with the remedy: a later version of the program has written it, or anybody may write to it.
+pub(super) fn may_start(disk: &dyn Disk, directory: &Path, machine: &str) -> Result<(), String> {
+    let document = path(directory, machine);
+    let [ledger, begun] = earlier::ledgers(directory, machine);
+    for path in [directory, &document, &number::path(directory, machine), &ledger, &begun] {
+        refuse_what_others_may_write(path)?;
+    }
+    match read(disk, &document, |bytes| document::read(bytes, machine)) {
+        Err(Unfit::Later(found)) => Err(format!(
+            "the saved state {} was written by a later version of this program (layout {found}, this one knows up to \
+             {VERSION}): run that version, or move the file away and let a person arm",
+            document.display()
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Whether something did not fit and no person has armed since. The writer and the axes share it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Question(Arc<AtomicBool>);
+
+impl Question {
+    pub(super) fn is_open(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn open(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    /// A person has armed.
+    pub(super) fn close(&self) {
+        self.0.store(false, Ordering::Relaxed);
+    }
+}

@@ -1,0 +1,153 @@
+//! Bytes of the document: version, seal, state and outputs, each output on a line of its own.
+
+use std::cmp::Ordering;
+use std::fmt;
+use std::io::{ErrorKind, Write};
+
+use crc::{CRC_32_ISO_HDLC, Crc, Table};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::Content;
+use super::entry::{Entries, misfit};
+use isotherm_core::quantity::Moment;
+
+/// Layout that this program writes.
+pub(in crate::gateway) const VERSION: u32 = 5;
+/// CRC-32 as in Ethernet and gzip (ITU-T V.42).
+const CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
+/// Digits of the checksum while it is computed.
+const UNSEALED: &str = "00000000";
+/// Key of the checksum. No name in a document can hold this: a quotation mark in one is escaped.
+const KEY: &[u8] = b"\"checksum\":";
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Document {
+    version: u32,
+    seal: Seal,
+    state: Option<Value>,
+    outputs: Entries,
+}
+
+/// Document of any layout.
+#[derive(Deserialize)]
+struct Versioned {
+    version: u32,
+}
+
+/// Seal of a document: see [`super`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(in crate::gateway) struct Seal {
+    pub(in crate::gateway) checksum: String,
+    pub(in crate::gateway) machine: String,
+    pub(in crate::gateway) since: Moment,
+    pub(in crate::gateway) number: u64,
+    pub(in crate::gateway) named: u64,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(in crate::gateway) in_question: bool,
+}
+
+/// Why a document is not accepted.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(in crate::gateway) enum Unfit {
+    /// A later version of the program has written it.
+    Later(u32),
+    /// An earlier version of the program has written it.
+    Earlier(u32),
+    /// A clause.
+    Because(String),
+}
+
+impl fmt::Display for Unfit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Unfit::Later(found) => write!(f, "it has layout {found}, this program writes {VERSION}"),
+            Unfit::Earlier(found) => write!(
+                f,
+                "it has layout {found} of an earlier version, which this program does not read: start the version between \
+                 them once, or let a person arm"
+            ),
+            Unfit::Because(why) => f.write_str(why),
+        }
+    }
+}
+
+/// Renders a document. `state` and each output are JSON already.
+pub(in crate::gateway) fn render<'a>(
+    seal: &Seal,
+    state: &[u8],
+    outputs: impl IntoIterator<Item = (&'a String, &'a Vec<u8>)>,
+) -> std::io::Result<Vec<u8>> {
+    let seal = Seal { checksum: UNSEALED.to_owned(), ..seal.clone() };
+    let mut text = format!("{{ \"version\": {VERSION},\n\"seal\": ").into_bytes();
+    serde_json::to_writer(&mut text, &seal)?;
+    text.extend(b",\n\"state\": ");
+    text.extend(if state.is_empty() { b"null" } else { state });
+    text.extend(b",\n\"outputs\": {");
+    for (place, (name, entry)) in outputs.into_iter().enumerate() {
+        text.extend(if place == 0 { &b"\n"[..] } else { b",\n" });
+        serde_json::to_writer(&mut text, name)?;
+        text.extend(b": ");
+        text.extend(entry);
+    }
+    text.write_all(b"\n}}\n")?;
+    let digits = digits(&text).ok_or(ErrorKind::InvalidData)?;
+    let checksum = checksum(&text);
+    text[digits..digits + UNSEALED.len()].copy_from_slice(checksum.as_bytes());
+    Ok(text)
+}
+
+/// Reads a document of this version.
+pub(in crate::gateway) fn read(bytes: &[u8], machine: &str) -> Result<(Seal, Content), Unfit> {
+    let Document { version, seal, state, outputs } = parse(bytes, VERSION)?;
+    check(bytes, &seal.checksum, (&seal.machine, machine))?;
+    match version.cmp(&VERSION) {
+        Ordering::Less => return Err(Unfit::Earlier(version)),
+        Ordering::Greater => return Err(Unfit::Later(version)),
+        Ordering::Equal => {}
+    }
+    match misfit(&outputs) {
+        Some(why) => Err(Unfit::Because(why)),
+        None => Ok((seal, Content { state, outputs })),
+    }
+}
+
+/// Parses a document of this form. One of another form may have another version.
+pub(super) fn parse<'a, T: Deserialize<'a>>(bytes: &'a [u8], version: u32) -> Result<T, Unfit> {
+    if bytes.is_empty() {
+        return Err(Unfit::Because("it is empty".to_owned()));
+    }
+    serde_json::from_slice(bytes).map_err(|_| match serde_json::from_slice(bytes) {
+        Ok(Versioned { version: found }) if found > version => Unfit::Later(found),
+        Ok(Versioned { version: found }) if found < version => Unfit::Earlier(found),
+        _ => Unfit::Because("it is damaged, or no document of this program".to_owned()),
+    })
+}
+
+/// Checks the checksum of a document, and that it belongs to this machine.
+pub(super) fn check(bytes: &[u8], found: &str, (of, machine): (&str, &str)) -> Result<(), Unfit> {
+    let mut unsealed = bytes.to_vec();
+    let place = digits(bytes);
+    if let Some(digits) = place.and_then(|place| unsealed.get_mut(place..place + UNSEALED.len())) {
+        digits.copy_from_slice(UNSEALED.as_bytes());
+    }
+    match place.is_some() && found == checksum(&unsealed) {
+        false => Err(Unfit::Because("its checksum does not fit: it was changed, or damaged".to_owned())),
+        true if of != machine => Err(Unfit::Because(format!("it is of another machine, {of}"))),
+        true => Ok(()),
+    }
+}
+
+/// CRC-32 in eight hexadecimal digits.
+pub(super) fn checksum(bytes: &[u8]) -> String {
+    format!("{:08x}", CHECKSUM.checksum(bytes))
+}
+
+/// Place of the first digit of the checksum.
+fn digits(text: &[u8]) -> Option<usize> {
+    let after = text.windows(KEY.len()).position(|window| window == KEY)? + KEY.len();
+    let quote = text[after..].iter().position(|byte| *byte == b'"')?;
+    Some(after + quote + 1)
+}

@@ -1,0 +1,111 @@
+//! Documents of the version before this one, which kept state and ledger apart: `NAME.state.json` of layout 4 beside
+//! `NAME.ledger.json` of layout 3. Each has the number of the other that it last saw, and does not fit if it is older.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::document::{Seal, Unfit, check, parse};
+use super::entry::{Entries, misfit};
+use super::{Content, Found, by_name, path, read};
+use crate::gateway::disk::Disk;
+use isotherm_core::quantity::Moment;
+
+/// Layouts of state and ledger.
+const LAYOUTS: [u32; 2] = [4, 3];
+const KINDS: [&str; 2] = ["state", "ledger"];
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Document {
+    version: u32,
+    seal: FormerSeal,
+    content: Value,
+}
+
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FormerSeal {
+    checksum: String,
+    kind: String,
+    machine: String,
+    since: Moment,
+    number: u64,
+    other: u64,
+    #[serde(default)]
+    in_question: bool,
+}
+
+/// Paths of the ledger: its own, and the one after a run began that could write nothing.
+pub(super) fn ledgers(directory: &Path, machine: &str) -> [PathBuf; 2] {
+    ["ledger.json", "ledger.begun.json"].map(|ending| directory.join(format!("{machine}.{ending}")))
+}
+
+/// Looks for the two documents.
+pub(super) fn look(disk: &dyn Disk, directory: &Path, machine: &str) -> Found {
+    let [ledger, begun] = ledgers(directory, machine);
+    let is_begun = !disk.has(&ledger) && disk.has(&begun);
+    let paths = [path(directory, machine), if is_begun { begun } else { ledger }];
+    let each = |place: usize| read(disk, &paths[place], |bytes| document(bytes, place, machine));
+    let both = each(0).and_then(|state| Ok([state, each(1)?]));
+    let seals: Vec<FormerSeal> =
+        both.iter().flatten().flatten().map(|document| document.seal.clone()).collect();
+    let seal = seals.first().map(|first| Seal {
+        since: first.since,
+        in_question: seals.iter().any(|seal| seal.in_question),
+        ..Seal::default()
+    });
+    let content = both.and_then(|both| {
+        let fitting = judge(&both).map_or(Ok(()), |why| Err(Unfit::Because(why.to_owned())));
+        fitting.and_then(|()| if seals.is_empty() { Ok(None) } else { content(both).map(Some) })
+    });
+    let content = content.map(|found| found.map(|found| if is_begun { found.not_in_order() } else { found }));
+    let files = paths.into_iter().zip(["v4.json", "v3.json"]).collect();
+    Found { files, layout: LAYOUTS[0], seal, content }
+}
+
+fn document(bytes: &[u8], place: usize, machine: &str) -> Result<Document, Unfit> {
+    let document: Document = parse(bytes, LAYOUTS[place])?;
+    check(bytes, &document.seal.checksum, (&document.seal.machine, machine))?;
+    match document.seal.kind == KINDS[place] && document.version == LAYOUTS[place] {
+        true => Ok(document),
+        false => Err(Unfit::Because(format!("a {} is in its place", document.seal.kind))),
+    }
+}
+
+/// A clause if one of them is missing, older than the other says, or from elsewhere.
+fn judge(both: &[Option<Document>; 2]) -> Option<&'static str> {
+    let seal = |place: usize| both[place].as_ref().map(|document| &document.seal);
+    let number = |place: usize| seal(place).map_or(0, |seal| seal.number);
+    let known = |place: usize| seal(1 - place).map_or(0, |seal| seal.other);
+    match [seal(0), seal(1)] {
+        [Some(state), Some(ledger)] if state.since != ledger.since => {
+            Some("it does not belong to the ledger beside it: one of them is a copy from elsewhere")
+        }
+        _ if number(0) < known(0) => {
+            Some("it is older than the ledger says, or missing: a copy from another day")
+        }
+        _ if number(1) < known(1) => {
+            Some("the ledger is older than it says, or missing: a copy from another day")
+        }
+        _ => None,
+    }
+}
+
+fn content([state, ledger]: [Option<Document>; 2]) -> Result<Content, Unfit> {
+    let wrong = |why: serde_json::Error| Unfit::Because(why.to_string());
+    let outputs: Entries =
+        ledger.map_or(Ok(Entries::new()), |ledger| serde_json::from_value(ledger.content)).map_err(wrong)?;
+    if let Some(why) = misfit(&outputs) {
+        return Err(Unfit::Because(why));
+    }
+    let state = state.map(|state| {
+        let mut content = state.content;
+        let signals = content.as_object_mut().and_then(|content| content.remove("signals"));
+        let signals: Vec<String> = serde_json::from_value(signals.unwrap_or(json!([]))).map_err(wrong)?;
+        by_name(&mut content["machine"], &signals);
+        Ok(content)
+    });
+    Ok(Content { state: state.transpose()?, outputs })
+}

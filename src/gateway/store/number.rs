@@ -1,0 +1,84 @@
+//! File of the number: one line with the number of the document, when the first one was made, and a checksum.
+//!
+//! If a run can write nothing when it begins, it gives this file another name. The document still says then that the run before
+//! ended in order, and the name says that this no longer holds.
+
+use std::path::{Path, PathBuf};
+
+use super::document::{Seal, Unfit, checksum};
+use super::read;
+use crate::gateway::disk::Disk;
+use isotherm_core::quantity::Moment;
+
+/// Number of a document, as its own file has it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::gateway) struct Number {
+    pub(in crate::gateway) number: u64,
+    /// When the first document was made.
+    pub(in crate::gateway) since: Moment,
+}
+
+impl Number {
+    pub(super) fn line(self) -> String {
+        let line = format!("{} {} ", self.number, self.since.as_nanos());
+        format!("{line}{}\n", checksum(line.as_bytes()))
+    }
+
+    fn parse(text: &str) -> Option<Number> {
+        let mut words = text.split(' ');
+        let number = words.next()?.parse().ok()?;
+        let since = Moment::from_nanos(words.next()?.parse().ok()?);
+        Some(Number { number, since }).filter(|number| number.line() == text)
+    }
+}
+
+/// Path of the number.
+pub(in crate::gateway) fn path(directory: &Path, machine: &str) -> PathBuf {
+    directory.join(format!("{machine}.number"))
+}
+
+/// Path of the number after a run began that could write nothing.
+pub(super) fn begun(path: &Path) -> PathBuf {
+    path.with_added_extension("begun")
+}
+
+/// Reads the number; `None` if there is none, a clause if it is not accepted. With the path that it has.
+pub(in crate::gateway) fn look(
+    disk: &dyn Disk,
+    directory: &Path,
+    machine: &str,
+) -> (PathBuf, Result<Option<Number>, String>) {
+    let path = path(directory, machine);
+    let begun = begun(&path);
+    let is_begun = !disk.has(&path) && disk.has(&begun);
+    let path = if is_begun { begun } else { path };
+    let parse = |bytes: &[u8]| {
+        let number = std::str::from_utf8(bytes).ok().and_then(Number::parse);
+        number.ok_or_else(|| Unfit::Because("it was changed, or damaged".to_owned()))
+    };
+    let found = read(disk, &path, parse).map_err(|why| format!("its number in {}: {why}", path.display()));
+    (path, found)
+}
+
+/// Compares a document with the number; a clause if they do not fit. `has_logs`: a run has left its logs here.
+pub(super) fn judge(document: Option<&Seal>, number: Option<Number>, has_logs: bool) -> Option<String> {
+    match (document, number) {
+        (None, None) => has_logs.then(|| "it is missing, and a run has left its logs here".to_owned()),
+        (None, Some(Number { number, .. })) => {
+            Some(format!("it is missing, and its number is there ({number})"))
+        }
+        (Some(seal), None) => (seal.named > 0).then(|| "its number is missing".to_owned()),
+        (Some(seal), Some(known)) if seal.since != known.since => {
+            Some("it does not belong to its number: it is a copy from elsewhere".to_owned())
+        }
+        (Some(seal), Some(Number { number, .. })) if seal.number < number => Some(format!(
+            "it is older than its number: it is a copy from another day (it has {}, not {number})",
+            seal.number
+        )),
+        (Some(seal), Some(Number { number, .. })) if number < seal.named => Some(format!(
+            "its number is a copy from another day ({number}, and it had {} before)",
+            seal.named
+        )),
+        (Some(_), Some(_)) => None,
+    }
+}

@@ -1,0 +1,211 @@
+//! Writer of the document, on a thread of its own: a slow disk never delays a line.
+//!
+//! It always writes what is newest, and reports which version of it is on disk. A write to a register that depends on a version
+//! waits for it, for a short while, and checks again in its next turn. In a simulation nothing may happen by itself: there the
+//! caller writes the document at once.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::watch;
+
+use super::{Entry, Question, StoreFile, WHAT};
+use crate::clock::{Clock, Patience};
+use crate::fieldbus::explain::system;
+use crate::gateway::memory::Memory;
+use crate::observe::events::{Event, Journal};
+
+/// Consequence of a document that is not on disk.
+const OTHERWISE: &str = "a register that is shared or cannot be read is not written; after the next start the gateway \
+                         writes no register until no earlier write can still arrive";
+
+/// Result of putting a version on disk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::gateway) enum Kept {
+    /// It is there, or a newer one.
+    Yes,
+    /// The disk has not answered.
+    NotYet,
+    /// It cannot be put there.
+    No,
+}
+
+/// Writer of a document.
+pub(in crate::gateway) struct Writer {
+    shared: Arc<Shared>,
+    /// The file, if there is no thread.
+    here: Option<Mutex<Saving>>,
+    done: watch::Receiver<Done>,
+    question: Question,
+    /// The disk did not answer in time when somebody last waited for it: nobody waits again before it has.
+    is_slow: AtomicBool,
+}
+
+/// The newest version that is on disk, the newest that could not be put there, and the newest with which the number is done, too.
+#[derive(Clone, Copy, Debug, Default)]
+struct Done {
+    kept: u64,
+    failed: u64,
+    settled: u64,
+}
+
+/// What the thread and its owner share.
+#[derive(Default)]
+struct Shared {
+    newest: Mutex<Newest>,
+    changed: Condvar,
+}
+
+/// What is newer than the document.
+#[derive(Default)]
+struct Newest {
+    outputs: BTreeMap<String, Entry>,
+    state: Option<Box<Memory>>,
+    version: u64,
+    closed: bool,
+}
+
+/// Puts versions on disk and reports the result.
+struct Saving {
+    file: StoreFile,
+    done: watch::Sender<Done>,
+    journal: Arc<Journal>,
+    clock: Clock,
+    is_failing: bool,
+}
+
+impl Writer {
+    pub(in crate::gateway) fn start(
+        file: StoreFile,
+        (journal, clock): (Arc<Journal>, &Clock),
+        has_thread: bool,
+    ) -> Writer {
+        let (sender, done) = watch::channel(Done::default());
+        let shared = Arc::new(Shared::default());
+        let question = file.question();
+        let mut saving = Saving { file, done: sender, journal, clock: clock.clone(), is_failing: false };
+        let here = if has_thread {
+            let shared = Arc::clone(&shared);
+            let work = move || shared.work(&mut saving);
+            // If there is no thread, no version is ever on disk, and every caller learns that.
+            let _ = std::thread::Builder::new().name("state".to_owned()).spawn(work);
+            None
+        } else {
+            Some(Mutex::new(saving))
+        };
+        Writer { shared, here, done, question, is_slow: AtomicBool::new(false) }
+    }
+
+    /// Has what is known of an output put on disk. The number asks for the result.
+    pub(in crate::gateway) fn keep(&self, output: String, entry: Entry) -> u64 {
+        self.put(|newest| drop(newest.outputs.insert(output, entry)))
+    }
+
+    /// Has a state put on disk.
+    pub(in crate::gateway) fn remember(&self, state: Memory) {
+        self.put(|newest| newest.state = Some(Box::new(state)));
+    }
+
+    fn put(&self, change: impl FnOnce(&mut Newest)) -> u64 {
+        let mut newest = self.shared.newest();
+        change(&mut newest);
+        newest.version += 1;
+        match &self.here {
+            None => self.shared.changed.notify_one(),
+            Some(saving) => {
+                let mut saving = saving.lock().unwrap_or_else(PoisonError::into_inner);
+                saving.save(newest.version, newest.take());
+            }
+        }
+        newest.version
+    }
+
+    /// Waits for a version, for `span` of real time at most. It does not wait for a disk that did not answer the last time.
+    pub(in crate::gateway) async fn kept(&self, version: u64, span: Duration) -> Kept {
+        let mut done = self.done.clone();
+        let is_done = |done: &Done| done.kept >= version || done.failed >= version;
+        let span = if self.is_slow.load(Ordering::Relaxed) { Duration::ZERO } else { span };
+        let waited = Patience::new().within(span, done.wait_for(is_done)).await;
+        if waited.is_some() || !span.is_zero() {
+            self.is_slow.store(waited.is_none(), Ordering::Relaxed);
+        }
+        match waited {
+            None => Kept::NotYet,
+            Some(Ok(done)) if done.kept >= version => Kept::Yes,
+            Some(_) => Kept::No,
+        }
+    }
+
+    /// Waits for document and number, at the end of a run.
+    pub(in crate::gateway) async fn finish(&self, span: Duration) {
+        let version = self.shared.newest().version;
+        let mut done = self.done.clone();
+        let _ = Patience::new().within(span, done.wait_for(|done| done.settled >= version)).await;
+    }
+
+    pub(in crate::gateway) fn question(&self) -> &Question {
+        &self.question
+    }
+}
+
+impl Drop for Writer {
+    fn drop(&mut self) {
+        self.shared.newest().closed = true;
+        self.shared.changed.notify_one();
+    }
+}
+
+impl Newest {
+    fn take(&mut self) -> (BTreeMap<String, Entry>, Option<Box<Memory>>) {
+        (std::mem::take(&mut self.outputs), self.state.take())
+    }
+}
+
+impl Shared {
+    fn newest(&self) -> MutexGuard<'_, Newest> {
+        self.newest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn work(&self, saving: &mut Saving) {
+        let mut last = 0;
+        loop {
+            let is_same = |newest: &mut Newest| newest.version == last && !newest.closed;
+            let waited = self.changed.wait_while(self.newest(), is_same);
+            let mut newest = waited.unwrap_or_else(PoisonError::into_inner);
+            if newest.version == last {
+                return;
+            }
+            last = newest.version;
+            let taken = newest.take();
+            drop(newest);
+            saving.save(last, taken);
+        }
+    }
+}
+
+impl Saving {
+    fn save(&mut self, version: u64, (outputs, state): (BTreeMap<String, Entry>, Option<Box<Memory>>)) {
+        outputs.iter().for_each(|(name, entry)| self.file.set_output(name, entry));
+        if let Some(Ok(state)) = state.map(|state| state.saved()) {
+            self.file.set_state(&state);
+        }
+        let saved = self.file.save();
+        self.done.send_modify(|done| match saved {
+            Ok(()) => done.kept = version,
+            Err(_) => done.failed = version,
+        });
+        // Only the end of a run waits for the number.
+        let numbered = saved.and_then(|()| self.file.save_number());
+        self.done.send_modify(|done| done.settled = version);
+        let event = match numbered {
+            Ok(()) if std::mem::take(&mut self.is_failing) => Event::KeptAgain { what: WHAT.to_owned() },
+            Err(error) if !std::mem::replace(&mut self.is_failing, true) => {
+                Event::NotKept { what: WHAT.to_owned(), why: format!("{}; {OTHERWISE}", system(&error)) }
+            }
+            _ => return,
+        };
+        self.journal.report(self.clock.now(), &event);
+    }
+}
