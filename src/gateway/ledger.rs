@@ -46,7 +46,7 @@ impl Ledger {
     /// Ledger of a gateway that keeps nothing.
     pub(super) fn of_nothing(profile: &Arc<Profile>, (journal, clock): (&Journal, &Clock)) -> Ledger {
         if profile.outputs.iter().any(is_shared) {
-            let why = "there is no state directory; name one with --state".to_owned();
+            let why = Explained::new("there is no state directory", "name one with --state");
             journal.report(clock.now(), &Event::NotKept { what: WHAT.to_owned(), why });
         }
         let (profile, clock) = (profile.clone(), clock.clone());

@@ -13,7 +13,7 @@ use tokio::sync::watch;
 
 use super::{Entry, Question, StoreFile, WHAT};
 use crate::clock::{Clock, Patience};
-use crate::fieldbus::explain::system;
+use crate::fieldbus::explain::explain_system;
 use crate::gateway::memory::Memory;
 use crate::observe::events::{Event, Journal};
 
@@ -202,7 +202,8 @@ impl Saving {
         let event = match numbered {
             Ok(()) if std::mem::take(&mut self.is_failing) => Event::KeptAgain { what: WHAT.to_owned() },
             Err(error) if !std::mem::replace(&mut self.is_failing, true) => {
-                Event::NotKept { what: WHAT.to_owned(), why: format!("{}; {OTHERWISE}", system(&error)) }
+                let why = explain_system(&error).within(|cause| format!("{cause}; {OTHERWISE}"));
+                Event::NotKept { what: WHAT.to_owned(), why }
             }
             _ => return,
         };

@@ -471,10 +471,13 @@ impl Event {
             ),
             Event::ProfileDiffers { profile, files } => warning(
                 "profile-differs",
-                format!(
-                    "changed after the new program had checked the profile, and not used: {}; to use what is there now: \
-                     `isotherm restart {profile} --keep`",
-                    listed(files)
+                String::new(),
+                Explained::new(
+                    format!(
+                        "changed after the new program had checked the profile, and not used: {}",
+                        listed(files)
+                    ),
+                    format!("to use what is there now: `isotherm restart {profile} --keep`"),
                 ),
             ),
             Event::TakenFromEarlier { what, version, kept } => warning(
