@@ -92,6 +92,7 @@ fn troubles() -> Vec<Event> {
         Event::NotKept { what: "the log".into(), why: "the disk is full".into() },
         Event::NotBelieved { why: "it is damaged".into() },
         Event::HandoverRefused { why: "another process".into() },
+        Event::ProfileDiffers { profile: "mill.toml".into(), files: vec!["matrix.csv".into()] },
         Event::TakenFromEarlier { what: "state", version: 3, kept: "it is kept".into() },
         Event::EventsLost { count: 3 },
         Event::EventsFull { bytes: 1 << 20 },

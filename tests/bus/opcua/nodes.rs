@@ -187,7 +187,7 @@ fn a_server_that_stamps_only_changes_is_told_with_the_key_that_says_so() {
     let home = tempfile::tempdir().unwrap();
     let ended = check(home.path(), &machine(server.port, ""));
     assert_eq!(ended.code, Some(1), "{}{}", ended.out, ended.said);
-    let said = "s ago by the server: write source_time = \"changed\" at device cnc if it stamps only changes";
+    let said = "s ago by the server; write source_time = \"changed\" at device cnc if it stamps only changes";
     for text in [&ended.out, &ended.said] {
         assert!(text.contains("stale: stamped 9") && text.contains(said), "{text}");
     }

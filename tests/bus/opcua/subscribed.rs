@@ -150,7 +150,7 @@ async fn silence_is_a_fault_in_words_and_the_nodes_are_read_before_they_are_sent
     }
     let fault = fault.expect("nothing was sent, and nobody says so");
     assert_eq!(fault, Fault::Peer(PeerFault::Silent));
-    assert!(fault.to_string().contains("read = \"poll\""), "{fault}");
+    assert!(isotherm::fieldbus::explain::explain(fault).contains("read = \"poll\""), "{fault}");
     assert_eq!(line.signals().await, Ok([Ok(31.0), Ok(100.0)]));
     server.does("silent off");
     until_sent(&mut line, &mut server).await;

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 mod allocates;
+mod budget;
 mod moves;
 mod pair;
 mod rig;

@@ -6,8 +6,9 @@ use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
 use isotherm_core::output::{Action, Mode, OutputHealth, Rules, Settings, farthest_behind};
 use isotherm_core::quantity::Counts;
 
+use super::budget::Budget;
 use super::moves::{self, Name};
-use super::world::{Broken, Budget, World, settings};
+use super::world::{Broken, World, settings};
 
 /// The outputs, with the guard that they share in the first.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]

@@ -5,8 +5,9 @@ use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
 
 use isotherm_core::output::Settings;
 
+use super::budget::Budget;
 use super::moves::{self, Name};
-use super::world::{Budget, World};
+use super::world::World;
 
 /// What a search came to.
 #[derive(Debug)]

@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use isotherm_core::output::{AppliedSettings, Rules, Settings, Verify};
 
+use super::budget::Budget;
 use super::search::{Searched, search, walk};
-use super::world::{Budget, settings};
+use super::world::settings;
 
 fn run(what: &str, settings: &Settings, budget: Budget, most: usize) -> Searched {
     let searched = search(settings, budget, most, 4);
