@@ -97,8 +97,8 @@ fn what_another_profile_has_no_more_the_broker_forgets() {
     });
     until("Home Assistant's topics are cleared", || {
         let cleared = gone[1].so_far().iter().filter(|line| line.trim_end().ends_with("/config")).count();
-        // One of each signal, three of the axis, one of the gateway.
-        if cleared == SIGNALS + 4 { Ok(()) } else { Err(cleared.to_string()) }
+        // One of each signal, five of the axis, one of the gateway.
+        if cleared == SIGNALS + 6 { Ok(()) } else { Err(cleared.to_string()) }
     });
     broker.reads("isotherm/press/signal/table", &[]).hears("1 isotherm/press/signal/table {");
     drop(again);
