@@ -106,7 +106,7 @@ fn a_serial_port_that_another_program_has_is_the_same_to_all() {
     let bus =
         format!("type = \"modbus-rtu\"\nport = \"{path}\"\nbaud = 9600\nparity = \"none\"\nstop_bits = 1");
     let verbs = verbs(home.path(), &profile(&bus, ""), &format!("rtu://{path}?baud=9600&parity=none"));
-    all_say(&verbs, "another program has the serial port: end it, a gateway that is running included");
+    all_say(&verbs, "another program has the serial port; end it, a gateway that is running included");
 }
 
 #[test]
