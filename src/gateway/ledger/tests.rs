@@ -1,14 +1,10 @@
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::*;
 use crate::gateway::disk::{Disk, Files};
-use crate::gateway::memory::Memory;
 use crate::gateway::store;
-use isotherm_core::compensation::{Compensation, Control, Remembered, Snapshot};
 use isotherm_core::output::{Account, Promise, Slots};
 use isotherm_core::quantity::Moment;
-use isotherm_core::reading::Reading;
 
 const GRINDER: &str = include_str!("../../../profiles/surface-grinder.toml");
 
@@ -154,82 +150,4 @@ fn what_is_known_goes_with_the_register_not_with_the_name() {
     profile.outputs[0].name.clone_from(&former);
     let elsewhere = found(directory.path(), &profile).0[&former].kept.account.unwrap();
     assert_eq!((elsewhere.doubt, elsewhere.share), (Some(Doubt::Elsewhere), Counts::ZERO));
-}
-
-/// So many axes, each with a sensor, a lag and a shared register.
-fn many(axes: usize) -> Profile {
-    let one = |axis: usize| {
-        format!(
-            "[signal.s{axis}]\ndevice = \"module\"\nregister = \"input:{axis}\"\ntype = \"i16\"\nscale = 0.1\nunit = \"degC\"\n\
-             range = [-10.0, 80.0]\nmax_age = \"5s\"\n\
-             [axis.a{axis}]\nlimit = 40.0\nstep = 1.0\nrate = 6.0\nevery = \"1s\"\non_fault = {{ action = \"hold\" }}\n\
-             [[axis.a{axis}.model]]\nname = \"m\"\nkind = \"linear\"\noffset = 1.0\n\
-             terms = [ {{ signal = \"s{axis}\", gain = 1.0, reference = \"start\", lag = \"30min\" }} ]\n\
-             [output.o{axis}]\naxis = \"a{axis}\"\ndevice = \"cnc\"\nwrites = \"offset\"\nregister = \"holding:{}\"\n\
-             type = \"i32\"\nword_order = \"msw-first\"\nscale = 0.1\nshare = \"ledger\"\n",
-            2 * axis
-        )
-    };
-    let bus = "[machine]\nname = \"many\"\n[bus.cell]\ntype = \"modbus-tcp\"\naddress = \"127.0.0.1:1502\"\n\
-               [device.module]\nbus = \"cell\"\nunit = 1\n[device.cnc]\nbus = \"cell\"\nunit = 2\n";
-    let text = bus.to_owned() + &(0..axes).map(one).collect::<String>();
-    isotherm_profile::parse(Path::new("many.toml"), &text, &[], &[]).unwrap().profile
-}
-
-/// State of that machine after a step.
-fn state_of(profile: &Profile) -> Memory {
-    let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
-    let mut compensation = Compensation::new(profile.machine.clone(), axes, Remembered::default());
-    let now = Moment::from_nanos(1_800_000_000_123_456_789);
-    let readings = vec![Reading::good(21.3, now); profile.signals.len()];
-    compensation.step(&Snapshot::new(now, &readings), &vec![Control::default(); profile.axes.len()]);
-    let verified = profile.outputs.iter().map(|output| (output.name.clone(), 12.3)).collect();
-    Memory::new(profile, now, compensation.remembered(), verified, BTreeMap::new())
-}
-
-fn put(ledger: &Ledger, mut kept: output::Kept, output: &Output, value: i64) -> u64 {
-    kept.account = Some(Account { base: Counts(value), share: Counts(31), doubt: None });
-    match ledger.keep(output, kept, true) {
-        Keeping::Version(version) => version,
-        other => panic!("{other:?}"),
-    }
-}
-
-#[test]
-#[ignore = "it measures: cargo test --release --lib promise_takes -- --ignored --nocapture, in BENCH_DIR"]
-fn how_long_a_promise_takes_to_be_on_disk() {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    let _inside = runtime.enter();
-    for axes in [1, 500] {
-        let directory = std::env::var_os("BENCH_DIR").map_or(std::env::temp_dir(), Into::into);
-        let directory = tempfile::tempdir_in(directory).unwrap();
-        let (profile, clock) = (Arc::new(many(axes)), Clock::wall());
-        let journal = Arc::new(Journal::by(&clock));
-        let options = Options { directory: Some(directory.path().to_owned()), ..Options::default() };
-        let opened = open(directory.path(), &profile);
-        let (ledger, writer) = Ledger::open(&profile, &options, opened, |_| false, (journal, &clock));
-        let kept = entries(&profile).into_values().next().unwrap().kept;
-        writer.remember(state_of(&profile));
-        let last = profile.outputs.iter().map(|output| put(&ledger, kept, output, 1)).max().unwrap();
-        let waited = |version| runtime.block_on(ledger.kept(version, Duration::from_secs(20)));
-        assert_eq!(waited(last), Kept::Yes);
-        for with_state in [false, true] {
-            let mut spans = Vec::new();
-            for round in 0..600 {
-                // As often as with a promise a second.
-                if with_state && round % 8 == 0 {
-                    writer.remember(state_of(&profile));
-                }
-                let begun = clock.now();
-                let output = &profile.outputs[round % axes];
-                let version = put(&ledger, kept, output, i64::try_from(round).unwrap());
-                assert_eq!(waited(version), Kept::Yes);
-                spans.push(clock.now().since(begun).as_secs_f64() * 1e3);
-            }
-            spans.sort_by(f64::total_cmp);
-            let size = std::fs::metadata(store::path(directory.path(), &profile.name)).unwrap().len();
-            let (median, slow) = (spans[300], spans[594]);
-            println!("{axes} axes, state {with_state}, {size} bytes: p50 {median:.3} ms, p99 {slow:.3} ms");
-        }
-    }
 }
