@@ -376,7 +376,10 @@ fn the_gateway_decodes_what_cansend_sends_and_candump_reads_the_corrected_positi
             status.axes[0].state == "active" && (status.axes[0].cz_um - 8.0).abs() < 1e-9
         });
         let bed = signal(&status, "bed");
-        assert!(bed.value.is_none() && bed.reason.starts_with("open circuit (raw -512); look for"), "{bed:?}");
+        assert!(
+            bed.value.is_none() && bed.reason.starts_with("open circuit (raw -512); look for"),
+            "{bed:?}"
+        );
         let values = ["wall", "cold_junction", "tl", "status_tr", "status_bl", "status_br"];
         let read = values.map(|name| signal(&status, name).value);
         assert_eq!(read, [25.0, 25.0, 1.0, 1.0, 2.0, 3.0].map(Some));
