@@ -105,7 +105,7 @@ pub use settings::{AppliedSettings, Rules, Settings, Verify};
 pub use slots::Slots;
 pub use standing::{ArmState, Seen, Shown};
 pub use state::State;
-pub use transaction::{Member, MemberState, Taking, Transaction};
+pub use transaction::{Member, Taking, Transaction};
 
 /// What has happened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -220,7 +220,7 @@ impl Default for Action {
 }
 
 impl Action {
-    /// The same with its moment moved by `to`.
+    /// Moves its moment by `to`.
     fn moved(self, to: impl Fn(Moment) -> Moment) -> Action {
         match self {
             Action::Nothing { until } => Action::Nothing { until: to(until) },

@@ -32,7 +32,7 @@ pub(super) struct OutputDemand {
     pub(super) pauses: u64,
 }
 
-/// What the decision of an axis says about its outputs.
+/// Part of an axis's decision that concerns its outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Decision {
     /// Nothing: the axis is off, or has not decided since it was armed.

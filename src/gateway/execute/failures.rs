@@ -22,6 +22,7 @@ pub(super) enum Access {
 pub(super) struct Failures {
     /// The kind of request that failed and was reported, until one succeeds.
     reported: Option<Access>,
+    /// Cause that was reported, and how long another one lasts.
     cause: Option<Cause<Fault>>,
     /// Writes that failed since the last one that was answered.
     failed_writes: u64,

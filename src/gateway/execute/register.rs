@@ -35,7 +35,7 @@ pub(super) struct Register {
     pub(super) settings: Settings,
     pub(super) controller: Controller,
     failures: Failures,
-    /// What may still appear in the register, as it was given to the disk.
+    /// Values that may still appear in the register, as they were given to the disk.
     on_disk: Option<Copies>,
     /// Version of the ledger that is being put on disk, and since when.
     keeping: Option<(u64, Moment)>,
@@ -127,9 +127,9 @@ impl Register {
         let resumes = self.report_events(shared);
         let mut core = shared.core();
         let known = &mut core.registers[self.id.0];
-        let goes_on = *known == Some(before);
-        *known = Some(self.controller);
+        let known = known.replace(self.controller);
         if core.storage.outputs.is_kept() {
+            let goes_on = known == Some(before);
             let (settings, after) = (&self.settings, &self.controller);
             let stepped = Stepped { id: self.id, settings, before: &before, goes_on, input, action, after };
             core.storage.outputs.stepped(&stepped, now);

@@ -11,9 +11,7 @@ use crate::gateway::output::Wait;
 use crate::gateway::storage::Steady;
 use isotherm_core::codec::Encoded;
 use isotherm_core::compensation::AxisState;
-use isotherm_core::output::{
-    Action, Attempt, Fact, Follow, Input, Member, MemberState, SetCommit, Taking, Transaction,
-};
+use isotherm_core::output::{Action, Attempt, Fact, Follow, Input, Member, SetCommit, Taking, Transaction};
 use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::{Control, OutputSet, Profile, SetId};
 
@@ -94,8 +92,8 @@ impl Set {
 
     fn members(&self) -> Vec<Member> {
         let member = |one: &Register| {
-            let state = MemberState::of(one.controller.is_driven(), one.controller.is_bound());
-            Member { held: one.held(), state }
+            let (is_driven, is_bound) = (one.controller.is_driven(), one.controller.is_bound());
+            Member { held: one.held(), is_driven, is_bound }
         };
         self.registers.iter().map(member).collect()
     }

@@ -1,4 +1,4 @@
-//! What the control says it applies of an offset, in a register beside the one that is written: it verifies the write.
+//! Applied value: a control says in another register what it applies of an offset. That verifies the write.
 //!
 //! The register that is written is compared as every other is. After each change of it the control has `settle` to apply the
 //! value. Until it does, nothing else is sent, and after that the axis holds.
@@ -12,7 +12,7 @@ use super::standing::Seen;
 use super::state::RETRY;
 use crate::quantity::{Counts, Moment, shifted};
 
-/// What is known of the applied value.
+/// Applied value of one output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Applied {
     /// Register value, and when it was first known.
@@ -26,10 +26,10 @@ pub(super) struct Applied {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Shown {
-    /// It has not said so yet.
+    /// The control has not said that it applies the value.
     #[default]
     NotYet,
-    /// It applies the value.
+    /// The control applies the value.
     Applied,
 }
 
@@ -84,7 +84,7 @@ impl Applied {
         }
     }
 
-    /// The same with every moment moved by `to`.
+    /// Moves every moment by `to`.
     pub(super) fn moved(self, to: impl Fn(Moment) -> Moment) -> Applied {
         Applied {
             value: self.value.map(|known| Seen { asked: to(known.asked), ..known }),

@@ -45,7 +45,7 @@ pub struct Controller {
     events: Slots<Event, MOST_EVENTS>,
 }
 
-/// What a controller knows beside the state of its register.
+/// State of a controller beside that of its register.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Policy {
     /// The exchange that was asked for and has no result.
@@ -59,7 +59,7 @@ pub struct Policy {
     said: Said,
 }
 
-/// What was demanded last.
+/// Last demand.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 struct LastInputs {
     is_armed: bool,
@@ -115,7 +115,7 @@ impl Controller {
         &mut self.state
     }
 
-    /// What the controller knows beside the register.
+    /// State of the controller beside that of its register.
     pub fn policy(&self) -> &Policy {
         &self.policy
     }
@@ -168,7 +168,7 @@ impl Controller {
         settings.promises() && (self.state.is_promising() || has_to_report)
     }
 
-    /// What the output is known to hold. `None` until its register was read.
+    /// Health of the output. `None` until its register was read.
     pub fn health(&self, settings: &Settings, interlock: Condition) -> Option<OutputHealth> {
         let shown = self.state.shown(settings);
         let _ = shown.verified?;
@@ -247,7 +247,7 @@ impl Controller {
         self.give(settings, Fact::Look, now);
     }
 
-    /// Whatever happened while the interlock was open, the axis resumes from the register value when it closes.
+    /// Opens or closes the interlock. When it closes, the axis resumes from the register value, whatever happened meanwhile.
     fn interlock(&mut self, settings: &Settings, condition: Condition, now: Moment) {
         let is_armed = self.policy.inputs.is_armed;
         let is_held = is_armed && condition != Condition::Met;
@@ -321,7 +321,7 @@ impl Controller {
         }
     }
 
-    /// Takes a fact that is no result of an exchange of its own, or the result of one.
+    /// Takes a fact. It may be the result of an exchange.
     fn result(&mut self, settings: &Settings, fact: Fact, now: Moment) {
         let is_shown = self.state.has_answered() && self.policy.inputs.is_armed;
         match fact {
@@ -467,7 +467,7 @@ impl Controller {
         }
     }
 
-    /// What was begun after a read is continued in this turn or not at all.
+    /// Ends the turn. A write that a read of this turn has made possible is given up with it.
     fn turn_ends(&mut self, settings: &Settings, now: Moment) {
         let given_up = match self.policy.action {
             Action::Nothing { .. } | Action::Keep => None,
@@ -545,8 +545,7 @@ impl Controller {
         let _ = self.events.push(event);
     }
 
-    /// The same controller with every moment moved by `to`, and without what only people see. The moment at which it is to be
-    /// called again is not before `now`.
+    /// Moves every moment by `to`, and leaves out the events. The controller is to be called again at `now` at the earliest.
     #[doc(hidden)]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment, now: Moment) -> Controller {
         let Policy { inputs, applied, action, .. } = self.policy;

@@ -33,20 +33,20 @@ pub struct Demanded {
     pub at: Moment,
     /// When a change must have left at the latest.
     pub not_after: Moment,
-    /// What the axis does.
+    /// Mode of the axis.
     pub mode: Mode,
 }
 
-/// What an axis does while it decides.
+/// Mode of an axis that decides.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mode {
-    /// It follows its model.
+    /// The axis follows its model.
     #[default]
     Follow,
-    /// It keeps its offset.
+    /// The axis keeps its offset.
     Hold,
-    /// It carries out a fault action or a stop, or writes a constant.
+    /// The axis carries out a fault action or a stop, or writes a constant.
     Finish,
 }
 
@@ -54,9 +54,9 @@ pub enum Mode {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Condition {
-    /// It allows writing. So does an output without an interlock.
+    /// The interlock allows writing. So does an output without an interlock.
     Met,
-    /// It does not allow writing.
+    /// The interlock does not allow writing.
     NotMet,
     /// Its signal is not known.
     Unknown,
@@ -71,7 +71,7 @@ pub enum Input {
     Fact(Fact),
     /// The write has not left, for this reason.
     NotSent(NotSent),
-    /// What was to be kept is on disk now. [`Fact::Kept`] says that it need not be.
+    /// The promise is on disk. [`Fact::Kept`] says that it need not be.
     OnDisk,
     /// The control said what it applies.
     Applied {
@@ -135,16 +135,16 @@ pub enum NotSent {
     BacksOff,
 }
 
-/// What a control has made of the set that an output belongs to.
+/// Result of the set that an output belongs to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SetCommit {
-    /// It has taken what its registers hold. So has a control without a set.
+    /// The control has taken what its registers hold. So has a control without a set.
     #[default]
     Taken,
-    /// It may not have taken what its registers hold: nothing else is sent.
+    /// The control may not have taken what its registers hold: nothing else is sent.
     Open,
-    /// It has not taken what was sent.
+    /// The control has not taken what was sent.
     Failed,
 }
 

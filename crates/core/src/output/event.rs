@@ -97,11 +97,11 @@ pub enum Event {
     },
     /// A write is verified.
     Written,
-    /// The register did not hold what was written, and still does not.
+    /// A write or a set was not taken, or still is not.
     StillUntaken,
     /// The register holds what it should, and can be written again.
     Recovered {
-        /// It had not held what was written at the end of an earlier turn.
+        /// The register had not held what was written at the end of an earlier turn.
         was_untaken: bool,
     },
     /// The control does not apply the register value in its time.

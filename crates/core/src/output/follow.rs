@@ -8,7 +8,7 @@ use crate::quantity::Counts;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Follow {
-    /// It is sent what the axis decides.
+    /// The output is sent what the axis decides.
     #[default]
     Target,
     /// The axis was given this register value to resume from.
@@ -57,9 +57,9 @@ pub enum Trouble {
     Unanswered,
     /// The device answered, but the register does not hold what was written.
     Untaken,
-    /// The same at the end of the last turn.
+    /// The register still did not hold what was written at the end of the last turn.
     StillUntaken,
-    /// What must be on disk is not.
+    /// The disk does not keep what it must.
     Disk,
 }
 
@@ -70,7 +70,7 @@ impl Trouble {
     }
 }
 
-/// What an output is known to hold.
+/// Health of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum OutputHealth {
     /// The register value is known, and is the gateway's.

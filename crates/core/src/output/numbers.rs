@@ -14,7 +14,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Numbers that are tried at most. An acknowledge that is missing for an hour brings it to about 70.
+/// Largest count of numbers in turn. An hour of refusals brings it to 69.
 const MOST: u16 = 200;
 
 /// Numbers of a set that its control may take next.
@@ -108,11 +108,11 @@ mod tests {
     /// How a control decides about a set.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     enum Kind {
-        /// It takes a set with another number than the last, and acknowledges each.
+        /// The control takes a set with another number than the last, and acknowledges each.
         Another,
-        /// It takes nothing but the next number, and acknowledges the last one again.
+        /// The control takes nothing but the next number, and acknowledges the last one again.
         NextAndLast,
-        /// It takes and acknowledges nothing but the next number.
+        /// The control takes and acknowledges nothing but the next number.
         NextOnly,
     }
 
@@ -137,7 +137,7 @@ mod tests {
         }
     }
 
-    /// What happens to an attempt.
+    /// Fate of an attempt.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     enum Fate {
         Good,
@@ -247,6 +247,14 @@ mod tests {
         let mut control = Control { kind: Kind::NextOnly, number: 6, values: 0 };
         let sent = 6 + 65;
         assert!((sent..sent + 1000).all(|number| !control.sees(number + 1, 1)));
+    }
+
+    /// At one attempt every 1.5 s.
+    #[test]
+    fn an_acknowledge_that_is_missing_for_an_hour_brings_69_numbers() {
+        let mut numbers = Numbers::after(6);
+        (0..2400).for_each(|_| drop(numbers.result(Attempt::Refused)));
+        assert_eq!(numbers.count, 69);
     }
 
     #[test]

@@ -24,7 +24,7 @@ pub enum Taking {
     Nodes,
 }
 
-/// What is known of a number that is sent next.
+/// History of the number that is sent next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum NextNumber {
     /// The control has not had it.
@@ -47,9 +47,9 @@ enum LastRun {
 pub struct Transaction {
     taking: Taking,
     last_run: LastRun,
-    /// What was sent and is to be taken.
+    /// Values that were sent and are to be taken.
     sent: Option<Vec<Counts>>,
-    /// What the outputs held when the control took them last.
+    /// Values that the control took last.
     taken: Option<Vec<Counts>>,
     sequence: Sequence,
     /// Numbers of a set that the control acknowledges, once its register was read.
@@ -64,41 +64,10 @@ pub struct Transaction {
 pub struct Member {
     /// Register value as last verified.
     pub held: Counts,
-    /// Whether the axis is armed and the interlock closed, and whether the control has taken the register value.
-    pub state: MemberState,
-}
-
-/// Whether a member may be written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MemberState {
-    /// Its axis is off or its interlock open.
-    Idle,
-    /// It is driven, and the control has taken what it holds.
-    Driven,
-    /// It is driven, and the control may not have taken what it holds.
-    Bound,
-    /// Its axis is off or its interlock open, and the control may not have taken what it holds.
-    IdleAndBound,
-}
-
-impl MemberState {
-    /// State of a member.
-    pub fn of(is_driven: bool, is_bound: bool) -> MemberState {
-        match (is_driven, is_bound) {
-            (false, false) => MemberState::Idle,
-            (true, false) => MemberState::Driven,
-            (true, true) => MemberState::Bound,
-            (false, true) => MemberState::IdleAndBound,
-        }
-    }
-
-    fn is_driven(self) -> bool {
-        matches!(self, MemberState::Driven | MemberState::Bound)
-    }
-
-    fn is_bound(self) -> bool {
-        matches!(self, MemberState::Bound | MemberState::IdleAndBound)
-    }
+    /// The axis is armed and the interlock closed.
+    pub is_driven: bool,
+    /// The control may not have taken the register value.
+    pub is_bound: bool,
 }
 
 impl Transaction {
@@ -207,19 +176,19 @@ impl Transaction {
         }
     }
 
-    /// What was sent, if some of the members hold it and some do not.
+    /// Returns the values that were sent, if some of the members hold theirs and some do not.
     fn half_sent(&self, members: &[Member]) -> Option<&[Counts]> {
-        let sent = self.sent.as_ref().filter(|_| members.iter().any(|member| member.state.is_bound()))?;
+        let sent = self.sent.as_ref().filter(|_| members.iter().any(|member| member.is_bound))?;
         let is_new = |place: usize| self.taken.as_ref().is_none_or(|taken| taken[place] != sent[place]);
         let driven = members.iter().zip(sent).enumerate();
-        let driven = driven.filter(|(place, (member, _))| member.state.is_driven() && is_new(*place));
+        let driven = driven.filter(|(place, (member, _))| member.is_driven && is_new(*place));
         let (held, missing): (Vec<bool>, Vec<bool>) =
             driven.map(|(_, (member, value))| member.held == *value).partition(|is_held| *is_held);
         (!held.is_empty() && !missing.is_empty()).then_some(sent)
     }
 
-    /// What was sent, if the registers hold it by half and the rest can be sent once more. It cannot after something else has happened to
-    /// a member, and not on readings that are too old: `can_be` says so of each.
+    /// Returns the values that were sent, if the registers hold them by half and the rest can be sent once more. `can_be` says so of each
+    /// member: not after something else has happened to it, and not on readings that are too old.
     pub fn demanded_again(
         &mut self,
         members: &[Member],
@@ -237,7 +206,7 @@ impl Transaction {
     pub fn is_whole(&self, members: &[Member], values: &[Counts]) -> bool {
         self.half_sent(members).is_none_or(|sent| {
             let mut each = members.iter().zip(values).zip(sent);
-            each.all(|((member, value), sent)| value == sent || !member.state.is_driven())
+            each.all(|((member, value), sent)| value == sent || !member.is_driven)
         })
     }
 
@@ -343,7 +312,7 @@ mod tests {
         let (mut set, _) = Transaction::new(Taking::Number, true, true);
         set.read(Some(6), &counts([1, 1]), LATE, NOW);
         set.sends(counts([2, 2]));
-        let members = [Counts(2), Counts(1)].map(|held| Member { held, state: MemberState::Bound });
+        let members = [Counts(2), Counts(1)].map(|held| Member { held, is_driven: true, is_bound: true });
         assert!(!set.is_whole(&members, &counts([2, 1])));
         assert!(set.is_whole(&members, &counts([2, 2])));
         assert_eq!(set.demanded_again(&members, |_, _| true), Some(counts([2, 2])));
