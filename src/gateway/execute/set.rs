@@ -335,8 +335,8 @@ impl Set {
         let Some((values, not_after)) = self.values(turn, found).await else {
             self.give_up_writing(turn);
             self.send_own_alone(turn).await;
-            self.tries_from =
-                now.after(RETRY).min(self.refreshes(&shared.profile).unwrap_or(Moment::END)).max(now);
+            let refresh = self.refreshes(&shared.profile).filter(|refresh| *refresh > now);
+            self.tries_from = now.after(RETRY).min(refresh.unwrap_or(Moment::END));
             return Went::NoFurther;
         };
         let set = shared.profile.set(self.id);
@@ -419,10 +419,19 @@ impl Set {
         }
     }
 
-    /// What every member shall hold, and the last moment for that; `None` where one of them may not even go along now, or
-    /// where it were half of what was sent before.
+    /// Value of each member, and the last moment for them. `None` if one of them may not even go along now, or if these values are
+    /// only half of what was sent before.
     async fn values(&mut self, turn: &mut LineTurn<'_>, found: &[Encoded]) -> Option<(Vec<Encoded>, Moment)> {
         let (shared, now) = (turn.shared, turn.line.looked());
+        // Nothing is begun that would be given up: the next attempt would wait for it.
+        let next = self.registers.iter().zip(self.counts(found)).map(|(one, stands)| match one.action() {
+            Action::Write { value, is_repeat: false, .. } => value,
+            _ => stands,
+        });
+        let next: Vec<_> = next.collect();
+        if !self.transaction.is_whole(&self.members(), &next) {
+            return None;
+        }
         let mut values = Vec::new();
         let mut last = Moment::END;
         for (register, &stands) in self.registers.iter_mut().zip(found) {
@@ -449,8 +458,7 @@ impl Set {
                 _ => return None,
             });
         }
-        // Where what was sent before is there by half, all of it is sent, or nothing.
-        self.transaction.is_whole(&self.members(), &self.counts(&values)).then_some((values, last))
+        Some((values, last))
     }
 
     /// The control has taken what stands there.

@@ -186,8 +186,9 @@ fn a_register_behind_its_guard_never_moves_away_from_the_target() {
 #[test]
 fn without_the_eleventh_rule_a_guard_that_went_on_moves_the_register_away_from_the_target() {
     let rules = Rules { no_windup: false, ..Rules::default() };
-    breaks("whole without R11", &settings(false, 3, 3), GUARDED, rules);
-    breaks("shared without R11", &settings(true, 3, 3), GUARDED, rules);
+    let one = Budget { holds: 1, ..GUARDED };
+    breaks("whole without R11", &settings(false, 2, 2), one, rules);
+    breaks("shared without R11", &settings(true, 3, 2), one, rules);
 }
 
 #[test]

@@ -174,8 +174,9 @@ impl Controller {
         let _ = shown.verified?;
         Some(match (shown.standing, interlock) {
             (ArmState::Barred, _) => OutputHealth::Foreign,
-            (_, Condition::NotMet) if self.state.is_interlocked() => OutputHealth::Interlocked,
             (_, Condition::Unknown) if self.state.is_interlocked() => OutputHealth::Unverified,
+            // Also when the condition is met again: the axis holds until it has resumed from the register value.
+            _ if self.state.is_interlocked() => OutputHealth::Interlocked,
             _ if self.policy.trouble.is_some() => OutputHealth::Unverified,
             _ => OutputHealth::Verified,
         })
@@ -324,6 +325,7 @@ impl Controller {
     /// Takes a fact. It may be the result of an exchange.
     fn result(&mut self, settings: &Settings, fact: Fact, now: Moment) {
         let is_shown = self.state.has_answered() && self.policy.inputs.is_armed;
+        let expected = self.state.expected_offset(settings);
         match fact {
             Fact::NoAnswer => self.fails(Trouble::Link),
             Fact::Unknown { .. } => self.write_fails(Trouble::Unanswered),
@@ -336,7 +338,12 @@ impl Controller {
         self.give(settings, fact, now);
         match fact {
             Fact::Done { .. } => self.answered(settings, settings.verify == Verify::Echo),
-            Fact::Read { .. } => self.answered(settings, is_shown),
+            Fact::Read { .. } => {
+                if expected.is_some() && self.state.expected_offset(settings) != expected {
+                    self.policy.follow.take_over();
+                }
+                self.answered(settings, is_shown);
+            }
             Fact::NotKept => self.policy.trouble = self.policy.trouble.or(Some(Trouble::Disk)),
             _ => {}
         }
@@ -526,9 +533,6 @@ impl Controller {
         }
         for event in self.state.take_events().iter() {
             match event {
-                Event::OwnWriteArrivedLate { .. } | Event::PerhapsFromBefore { .. } => {
-                    self.policy.follow.take_over();
-                }
                 Event::CncRestarted { .. } => self.policy.follow = Follow::TakeOver(Cause::Restart),
                 Event::ForeignValue { .. } => {
                     self.policy.follow = Follow::Target;

@@ -41,9 +41,7 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
     if state.must_read && now >= state.reads_from {
         return read(state);
     }
-    // A whole register says itself what stands in it: what else is known of it goes on disk whenever that is written.
-    let has_to_begin = !state.has_begun_on_disk && state.standing == ArmState::Armed;
-    state.is_unsaved &= settings.promises() || has_to_begin;
+    saves_only_what_it_must(state, settings);
     if aim == Some(Aim::There) && state.promised.take().is_some() {
         (state.is_unsaved, state.promised_until) = (true, None);
     }
@@ -87,13 +85,20 @@ pub(super) fn go_along(state: &mut State, settings: &Settings, now: Moment) -> A
     let Some(seen) = state.verified.filter(|_| state.doing == Doing::Nothing) else {
         return Action::Nothing { until: Moment::END };
     };
-    state.is_unsaved &= settings.promises();
+    saves_only_what_it_must(state, settings);
     let is_known = !state.must_read && state.answered.is_none() && !settings.is_shared;
     let may = now >= state.keeps_from || state.has_begun_on_disk;
     if is_known && may && state.copies.has_room() && is_repeatable(state, settings, seen) {
         return repeat(state, settings, seen, now);
     }
     Action::Nothing { until: until(state, settings, None, now) }
+}
+
+/// A whole register says itself what is in it: what else is known of it goes on disk whenever that is written. That the gateway writes
+/// is on disk before the first write.
+fn saves_only_what_it_must(state: &mut State, settings: &Settings) {
+    let has_to_begin = !state.has_begun_on_disk && state.standing == ArmState::Armed;
+    state.is_unsaved &= settings.promises() || has_to_begin;
 }
 
 /// Where the change that is wanted now can go; `None` where none is wanted, or may be made.

@@ -203,6 +203,11 @@ impl State {
         }
     }
 
+    /// Offset that the register is expected to hold. `None` until it was read.
+    pub(super) fn expected_offset(&self, settings: &Settings) -> Option<Counts> {
+        self.expected().map(|value| value - self.centre(settings))
+    }
+
     /// What should stand there: what was answered as done last, else what was verified last.
     pub(super) fn expected(&self) -> Option<Counts> {
         let from_disk = || self.account.map(|account| account.base + account.share);
