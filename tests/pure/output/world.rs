@@ -505,10 +505,10 @@ impl World {
         self.decided(settings, decision, (mode, is_fresh))
     }
 
-    /// An axis that decides has resumed from the register value, if that is the gateway's alone: its Cz is within two steps of it, as a late write can have moved the
+    /// An axis that decides has resumed from the register value: its Cz is within two steps of it, as a late write can have moved the
     /// register by one step since.
     fn guard_is_near(&self, settings: &Settings) -> Broken {
-        let (Some(guard), Some(gateway)) = (self.guard.filter(|_| !settings.is_shared), self.gateway) else {
+        let (Some(guard), Some(gateway)) = (self.guard, self.gateway) else {
             return Ok(());
         };
         let shown = gateway.state().shown(settings);
