@@ -29,7 +29,7 @@ use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
 
-use crate::clock::Clock;
+use crate::clock::{Clock, Patience};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{AxisId, BusId, DeviceId, Profile, Transport};
 
@@ -267,7 +267,8 @@ impl VirtualMachine {
             ListenerSwitch { devices: units.iter().map(|(_, id)| *id).collect(), switch, is_open: true };
         let is_tcp = profile.buses[bus].transport == Transport::Tcp;
         let framing = if is_tcp { Framing::Tcp } else { Framing::Rtu };
-        (gate, Arc::new(Line { units, framing, unknown_unit, shared: self.shared.clone() }), switched)
+        let (slice, shared) = (profile.buses[bus].timeout / Patience::SLICES, self.shared.clone());
+        (gate, Arc::new(Line { units, framing, unknown_unit, slice, shared }), switched)
     }
 
     fn can_line(&self, profile: &Profile, bus: usize, begin: Moment) -> CanLine {

@@ -1,7 +1,7 @@
 //! Protocol timeout in wall-clock time, also under a virtual clock, because the answer comes through a real socket.
 //!
 //! A run with a virtual clock has its virtual devices in the same process. If the computer does not run that process for a while, no
-//! device could answer, and the timeout would depend on the load of the computer. There the timeout is cut into [`SLICES`]: one that
+//! device could answer, and the timeout would depend on the load of the computer. There the timeout is cut into [`SLICES`](Patience::SLICES): one that
 //! ends late counts as one, and between two of them the runtime lets every device act.
 //!
 //! The timer is set once, moved when it fires too early, and put off for as long as a line rests: a request that is answered
@@ -19,9 +19,6 @@ use tokio::time::{Instant, Sleep};
 
 use super::Clock;
 
-/// Slices of a timeout in a run with a virtual clock.
-const SLICES: u32 = 10;
-
 /// Timer for the timeout of one answer.
 #[derive(Debug)]
 pub struct Patience {
@@ -30,6 +27,9 @@ pub struct Patience {
 }
 
 impl Patience {
+    /// Slices of a timeout in a run with a virtual clock.
+    pub const SLICES: u32 = 10;
+
     /// A timer that has not been set, in wall-clock time.
     pub fn new() -> Patience {
         Patience { timer: None, slices: 1 }
@@ -37,7 +37,7 @@ impl Patience {
 
     /// A timer that has not been set, for a task that acts by this clock.
     pub fn by(clock: &Clock) -> Patience {
-        Patience { timer: None, slices: if clock.is_virtual() { SLICES } else { 1 } }
+        Patience { timer: None, slices: if clock.is_virtual() { Patience::SLICES } else { 1 } }
     }
 
     /// Nothing is waited for before so long: until that is over the timer wakes nobody.

@@ -1,9 +1,10 @@
 //! Executes the actions of the controllers of outputs, and gives them the results. Decides nothing about a register.
 //!
 //! One [`Single`] for each output that is written by itself, one [`Set`] for outputs that land together, and one [`Position`] for each
-//! corrected position, owned by the task of their line. The first two have a [`register::Register`] for each output, with its
-//! [`Controller`](isotherm_core::output::Controller): the turn begins with the demand of the axis, then each action is one exchange, whose
-//! result is the next input, until there is nothing to do. A reference position is an output without a step or a limit.
+//! corrected position, owned by the task of their line. The first two have a [`register::Register`] for each output and a
+//! [`Controller`](isotherm_core::output::Controller) or [`SetController`](isotherm_core::output::SetController): the turn begins with the
+//! demand of the axis, then each action is one exchange, whose result is the next input, until there is nothing to do. A reference
+//! position is an output without a step or a limit.
 
 use std::time::Duration;
 
@@ -32,8 +33,6 @@ pub(super) use single::Single;
 const MOST_EXCHANGES: usize = 12;
 /// A value whose answer never came is recognised for so many times as long as it may take to arrive.
 const REMEMBERED: u32 = 10;
-/// What failed is tried again after this long at the earliest.
-const RETRY: Duration = Duration::from_secs(1);
 /// A disk that has not answered for this long is a fault.
 const DISK_PATIENCE: Duration = Duration::from_secs(5);
 

@@ -112,9 +112,9 @@ impl Ledger {
     }
 
     /// Waits for the result: see [`Writer::kept`].
-    pub(super) async fn kept(&self, version: u64, span: Duration) -> Kept {
+    pub(super) async fn kept(&self, version: u64, span: Duration, clock: &Clock) -> Kept {
         match &self.writer {
-            Some(writer) => writer.kept(version, span).await,
+            Some(writer) => writer.kept(version, span, clock).await,
             None => Kept::Yes,
         }
     }

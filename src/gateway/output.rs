@@ -11,6 +11,7 @@ use crate::fieldbus::error::Fault;
 use crate::observe::events::HandshakeFault;
 use isotherm_core::compensation::AxisState;
 use isotherm_core::display::{Display, Held, Intent};
+use isotherm_core::output::Awaited;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{Handshake, Output, OutputId, Profile, Writes};
 
@@ -52,7 +53,7 @@ pub(super) struct OutputState {
     /// Failures since the last verified write.
     pub(super) failures: u64,
     pub(super) cause: Option<Fault>,
-    pub(super) handshake: Stand,
+    pub(super) handshake: HandshakeStatus,
 }
 
 #[derive(Clone, Debug)]
@@ -64,8 +65,8 @@ pub(super) struct Outputs {
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Stand {
-    pub(super) waits: Option<Wait>,
+pub(super) struct HandshakeStatus {
+    pub(super) waits: Option<Awaited>,
     /// What the last one failed at, until one succeeds.
     pub(super) failed: Option<HandshakeFault>,
     /// The strobe is up, or may be.
@@ -74,15 +75,6 @@ pub(super) struct Stand {
     pub(super) says_enabled: bool,
     /// What stands there was not taken yet.
     pub(super) is_untaken: bool,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Wait {
-    /// The acknowledge of something earlier to drop, before anything is written.
-    Clear,
-    Acknowledge,
-    /// The acknowledge to drop, after the strobe has.
-    Release,
 }
 
 impl Outputs {
@@ -158,14 +150,14 @@ impl IndexMut<usize> for Outputs {
     }
 }
 
-impl Stand {
+impl HandshakeStatus {
     /// What is to be said of it on the page; empty where nothing is.
     pub(super) fn message(self, handshake: Option<&Handshake>) -> String {
         let Some(Handshake { strobe, acknowledge, .. }) = handshake else { return String::new() };
         match (self.failed, self.waits) {
             (Some(failed), _) => failed.message().to_owned(),
-            (None, Some(Wait::Acknowledge)) => format!("waits for the acknowledge ({acknowledge})"),
-            (None, Some(Wait::Clear | Wait::Release)) => {
+            (None, Some(Awaited::Acknowledge)) => format!("waits for the acknowledge ({acknowledge})"),
+            (None, Some(Awaited::Clear | Awaited::Release)) => {
                 format!("waits for the acknowledge to drop ({acknowledge})")
             }
             (None, None) if self.strobe_up => format!("the strobe may be up ({strobe})"),

@@ -30,7 +30,7 @@ mod thread;
 
 use events::EventsWake;
 use outputs::OutputsLog;
-pub(super) use outputs::{Steady, Stepped};
+pub(super) use outputs::{SetStepped, Steady, Stepped};
 use stamps::{Stamped, Stamps};
 use thread::StorageThread;
 

@@ -24,7 +24,6 @@ mod certificate;
 mod data;
 mod delivery;
 pub mod file;
-mod handshake;
 mod journal;
 mod page;
 mod sentences;
@@ -35,7 +34,7 @@ pub use broker::Broker;
 #[cfg(feature = "opcua")]
 pub use certificate::{Expiry, Whose};
 pub use delivery::Delivery;
-pub use handshake::HandshakeFault;
+pub use isotherm_core::output::HandshakeFault;
 pub use journal::{Entry, EventListener, Happened, Journal};
 pub use page::{PagePort, PageToken};
 pub use stand_in::StandIn;

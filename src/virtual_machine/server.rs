@@ -33,6 +33,8 @@ pub(super) struct Line {
     pub(super) framing: Framing,
     /// What is answered for a unit that is not there.
     pub(super) unknown_unit: UnknownUnit,
+    /// A late answer waits in parts of this length, as a gateway in the same process does: a busy computer delays both alike.
+    pub(super) slice: Duration,
     pub(super) shared: Shared,
 }
 
@@ -223,13 +225,14 @@ where
             match reply.fault {
                 // A line goes on meanwhile; who asks over TCP waits.
                 Some(ReplyFault::Late(delay)) if framing == Framing::Rtu => {
+                    let slice = line.slice;
                     late.spawn(async move {
-                        tokio::time::sleep(delay).await;
+                        sleep_in_slices(delay, slice).await;
                         bytes
                     });
                 }
                 Some(ReplyFault::Late(delay)) => {
-                    tokio::time::sleep(delay).await;
+                    sleep_in_slices(delay, line.slice).await;
                     stream.write_all(&bytes).await?;
                 }
                 Some(ReplyFault::OneByteAtATime) => {
@@ -241,6 +244,14 @@ where
                 _ => stream.write_all(&bytes).await?,
             }
         }
+    }
+}
+
+async fn sleep_in_slices(delay: Duration, slice: Duration) {
+    let slices = delay.as_nanos().div_ceil(slice.as_nanos().max(1)).clamp(1, 1000);
+    let slices = u32::try_from(slices).unwrap_or(1);
+    for _ in 0..slices {
+        tokio::time::sleep(delay / slices).await;
     }
 }
 

@@ -19,7 +19,7 @@ const ARROWS: [(&str, &str, &[&str]); 16] = [
     ("crates/core", "codec", &["quantity", "reading"]),
     ("crates/core", "compensation", &["border", "quantity", "reading"]),
     ("crates/core", "output", &["quantity"]),
-    ("crates/core", "display", &["compensation", "quantity"]),
+    ("crates/core", "display", &["compensation", "output", "quantity"]),
     ("crates/core", "explained", &[]),
     ("", "clock", &[]),
     ("", "tls", &[]),

@@ -64,10 +64,12 @@ fn fresh_seeds_hold_the_laws() {
 
 #[test]
 fn sensors_and_control_that_are_servers_of_nodes_hold_the_same_laws() {
-    let seeds: Vec<u64> = (1..=6).chain(MENDED).collect();
+    let fresh = number("TEST_SEEDS", 10) / 5;
+    let seeds: Vec<u64> = (1..=fresh).chain(MENDED).collect();
     let many = Many::run(&day::profile_of_nodes(), &seeds, DAY, 2, false);
     assert_eq!(many.broken, [], "{many}");
-    assert!(many.counts.faults > 2000 && many.changes > 20_000, "{many}");
+    let count = seeds.len() as u64;
+    assert!(many.counts.faults > 200 * count && many.changes > 2000 * count, "{many}");
 }
 
 /// An answer as old as itself, and none too late: changes go out on readings that are too old.

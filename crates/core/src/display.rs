@@ -15,6 +15,10 @@ use serde::{Serialize, Serializer};
 
 use crate::compensation::AxisState;
 
+mod control_word;
+
+pub use control_word::control_word;
+
 /// Cz in the control, as far as the gateway knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Held {

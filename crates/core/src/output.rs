@@ -79,6 +79,7 @@ mod demand;
 mod event;
 mod facts;
 mod follow;
+mod handshake;
 mod inside;
 mod judge;
 mod kept;
@@ -86,10 +87,15 @@ mod numbers;
 mod plan;
 mod reports;
 mod sequence;
+mod set;
+mod set_controller;
+mod set_members;
+mod set_phase;
 mod settings;
 mod slots;
 mod standing;
 mod state;
+mod strobe;
 mod transaction;
 mod turns;
 
@@ -98,14 +104,20 @@ pub use copies::{Copies, LatelySent, MOST_REMEMBERED, MOST_UNDER_WAY, Room, Sent
 pub use demand::{Condition, Demand, Demanded, Input, Mode, NotSent, SetCommit};
 pub use event::{Doubt, Event};
 pub use follow::{Cause, Follow, OutputHealth, Trouble};
+pub use handshake::HandshakeFault;
 pub use inside::{Inside, farthest_behind};
 pub use kept::{Account, Kept, Promise};
-pub use numbers::{Attempt, Numbers};
+pub use set::{
+    Alone, Beat, ControlWord, MemberDemand, OutputAnswer, OwnWords, SetAction, SetDemand, SetInput,
+    SetSettings, SetValue, SetWords, StrobeResult, WriteResult,
+};
+pub use set_controller::SetController;
 pub use settings::{AppliedSettings, Rules, Settings, Verify};
 pub use slots::Slots;
 pub use standing::{ArmState, Seen, Shown};
 pub use state::State;
-pub use transaction::{Member, Taking, Transaction};
+pub use strobe::{Awaited, Strobe, StrobeLevel};
+pub use transaction::Taking;
 
 /// What has happened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -84,7 +84,7 @@ pub use tables::output::writes::Writes;
 pub use tables::quirks::Quirks;
 pub use tables::register::Flag;
 pub use tables::schema::schema;
-pub use tables::set::{Control, OutputSet, OwnWord, Stretch};
+pub use tables::set::{OutputSet, OwnWord, Stretch};
 pub use tables::signal::Signal;
 pub use tables::signal::counter::Capture;
 pub use tables::signal::unit::Unit;

@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 
 use super::LineTurn;
-use super::together::{Found, Own};
+use super::together::Found;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, Outcome};
 use crate::fieldbus::wire::Request;
 use isotherm_core::codec::{Address, Encoded, Register, Table};
+use isotherm_core::output::OwnWords;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{DeviceId, Output, OutputSet, Profile, Stretch};
 
@@ -15,7 +16,7 @@ use isotherm_profile::{DeviceId, Output, OutputSet, Profile, Stretch};
 pub(super) type Cells = BTreeMap<u16, u16>;
 
 /// Every register of the set for these values, one for each member.
-fn cells(profile: &Profile, set: &OutputSet, values: &[Encoded], own: Own) -> Cells {
+fn cells(profile: &Profile, set: &OutputSet, values: &[Encoded], own: OwnWords) -> Cells {
     let mut cells = Cells::new();
     if set.zeros {
         for stretch in stretches(profile, set) {
@@ -26,8 +27,8 @@ fn cells(profile: &Profile, set: &OutputSet, values: &[Encoded], own: Own) -> Ce
         cells.extend(output.cells(value.registers()));
     }
     let own = [
-        (set.sequence, own.sequence),
-        (register(set.heartbeat.as_ref()), Some(own.heartbeat)),
+        (set.sequence, own.number),
+        (register(set.heartbeat.as_ref()), Some(own.beat)),
         (register(set.control.as_ref()), Some(own.control)),
         (register(set.version.as_ref().map(|(at, _)| at)), set.version.as_ref().map(|(_, number)| *number)),
     ];
@@ -89,7 +90,7 @@ pub(super) async fn write_all(
     turn: &mut LineTurn<'_>,
     set: &OutputSet,
     values: &[Encoded],
-    own: Own,
+    own: OwnWords,
     leave: Leave,
 ) -> Result<(), (Fault, Outcome)> {
     let profile = &turn.shared.profile;
@@ -101,9 +102,9 @@ pub(super) async fn write_all(
 pub(super) async fn write_own(
     turn: &mut LineTurn<'_>,
     set: &OutputSet,
-    own: Own,
+    own: OwnWords,
 ) -> Result<(), (Fault, Outcome)> {
-    let words = [(&set.heartbeat, own.heartbeat), (&set.control, own.control)];
+    let words = [(&set.heartbeat, own.beat), (&set.control, own.control)];
     let words = words.into_iter().filter_map(|(at, word)| Some((register(at.as_ref())?.offset, word)));
     let cells: Cells = words.collect();
     let longest = turn.shared.profile.device(set.device).longest_request();

@@ -3,11 +3,12 @@
 //! A server may carry out a call in any order, and by half. So what stands there is believed only when it was read back.
 
 use super::LineTurn;
-use super::together::{Found, Own};
+use super::together::Found;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, Outcome, PeerFault};
 use crate::fieldbus::wire::{Answer, NodeRequest, Request};
 use isotherm_core::codec::Encoded;
+use isotherm_core::output::OwnWords;
 use isotherm_profile::{OutputSet, OwnWord};
 
 /// Reads every node of the set.
@@ -32,13 +33,13 @@ pub(super) async fn write(
     turn: &mut LineTurn<'_>,
     set: &OutputSet,
     values: &[Encoded],
-    own: Own,
+    own: OwnWords,
     leave: Leave,
 ) -> Result<(), (Fault, Outcome)> {
     let nodes = set.nodes(&turn.shared.profile);
     let words = set.own_nodes().map(|(word, node)| {
         node.word(match word {
-            OwnWord::Heartbeat => own.heartbeat,
+            OwnWord::Heartbeat => own.beat,
             OwnWord::Control => own.control,
             OwnWord::Version(number) => number,
         })
@@ -54,10 +55,10 @@ pub(super) async fn write(
 pub(super) async fn write_own(
     turn: &mut LineTurn<'_>,
     set: &OutputSet,
-    own: Own,
+    own: OwnWords,
 ) -> Result<(), (Fault, Outcome)> {
     let words = set.own_nodes().filter_map(|(word, node)| match word {
-        OwnWord::Heartbeat => Some((node.clone(), node.word(own.heartbeat))),
+        OwnWord::Heartbeat => Some((node.clone(), node.word(own.beat))),
         OwnWord::Control => Some((node.clone(), node.word(own.control))),
         OwnWord::Version(_) => None,
     });

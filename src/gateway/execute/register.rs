@@ -1,4 +1,4 @@
-//! Executes the actions of the controller of one output, and gives it the results. Single registers and the members of a set are the
+//! Register of one output: its encoding, its failures, and its promises on disk. Single registers and the members of a set are the
 //! same here.
 
 use std::time::Duration;
@@ -13,7 +13,6 @@ use crate::fieldbus::wire::Request;
 use crate::gateway::blamed::of_an_output;
 use crate::gateway::ledger::{Keeping, Kept};
 use crate::gateway::line_handle::LineHandle;
-use crate::gateway::storage::Stepped;
 use crate::gateway::store::WHAT;
 use crate::gateway::units::Units;
 use crate::observe::asker::Way;
@@ -21,19 +20,18 @@ use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
 use isotherm_core::explained::Explained;
 use isotherm_core::output::{
-    self, Action, AppliedSettings, Cause, Controller, Copies, Demand, Demanded, Fact, Input, NotSent, Rules,
-    SetCommit, Settings, State, Trouble, Verify,
+    self, AppliedSettings, Cause, Controller, Copies, Demand, Demanded, Input, OutputAnswer, Rules, Settings,
+    State, Trouble, Verify, WriteResult,
 };
 use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::{Output, OutputId, Share, Writes};
 
-/// Register of one output.
+/// Register of one output. It executes what the controller of the output asks for, and reports the events of the controller.
 #[derive(Debug)]
 pub(super) struct Register {
     pub(super) id: OutputId,
     pub(super) units: Units,
     pub(super) settings: Settings,
-    pub(super) controller: Controller,
     failures: Failures,
     /// Values that may still appear in the register, as they were given to the disk.
     on_disk: Option<Copies>,
@@ -42,10 +40,17 @@ pub(super) struct Register {
 }
 
 impl Register {
-    pub(super) fn new(shared: &LineHandle, id: OutputId, now: Moment) -> Register {
+    /// Register of an output, and the controller of the output at a start. The set of an output is refreshed as a whole: `is_in_a_set`.
+    pub(super) fn new(
+        shared: &LineHandle,
+        id: OutputId,
+        is_in_a_set: bool,
+        now: Moment,
+    ) -> (Register, Controller) {
         let output = shared.profile.output(id);
         let units = Units::of(&shared.profile, output);
         let settings = settings(shared, output, &units);
+        let settings = if is_in_a_set { Settings { refresh: None, ..settings } } else { settings };
         let before = shared.core().registers[id.0];
         let controller = match before {
             // The task before this one ended in the middle of something.
@@ -59,16 +64,11 @@ impl Register {
             }
         };
         let failures = Failures::default();
-        Register { id, units, settings, controller, failures, on_disk: None, keeping: None }
+        (Register { id, units, settings, failures, on_disk: None, keeping: None }, controller)
     }
 
-    /// The turn begins: gives the controller what is demanded now.
-    pub(super) fn begins_turn(&mut self, shared: &LineHandle, demand: &OutputDemand, now: Moment) {
-        let demand = self.demand(shared, demand);
-        self.step(shared, Input::Demand(demand), now);
-    }
-
-    fn demand(&self, shared: &LineHandle, demand: &OutputDemand) -> Demand {
+    /// Demand on the output in counts.
+    pub(super) fn demand(&self, shared: &LineHandle, demand: &OutputDemand) -> Demand {
         let output = shared.profile.output(self.id);
         let decision = match demand.decision {
             Decision::Off | Decision::Outdated => None,
@@ -93,57 +93,16 @@ impl Register {
         }
     }
 
-    /// Returns whether a value that was sent before is in the register, or can be sent once more: near enough, and on readings that
-    /// are good now. Of an output that is not driven nothing is demanded.
-    pub(super) fn can_hold_again(&self, value: Counts, demand: &OutputDemand, now: Moment) -> bool {
-        if !self.controller.is_driven() || value == self.held() {
-            return true;
-        }
-        let is_near = value.abs_diff(self.held()) <= self.settings.step.unsigned_abs();
-        is_near && demand.decision != Decision::Off && now <= demand.not_after
-    }
-
-    /// Demands a value once more that was sent before, if the register does not hold it.
-    pub(super) fn demand_again(
-        &mut self,
-        shared: &LineHandle,
-        value: Counts,
-        demand: &OutputDemand,
-        now: Moment,
-    ) {
-        if !self.controller.is_driven() || value == self.held() {
-            return;
-        }
-        let offset = value - self.settings.bias;
-        let fact = Fact::Decided { offset, target: None, not_after: demand.not_after };
-        self.step(shared, Input::Fact(fact), now);
-    }
-
-    /// Gives the controller an input, and reports its events. The new state outlives this task. The log gets input and action.
-    /// Returns why the axis is to resume from the register value, if it is.
-    pub(super) fn step(&mut self, shared: &LineHandle, input: Input, now: Moment) -> Option<Cause> {
-        let before = self.controller;
-        let action = self.controller.step(&self.settings, input, now);
-        let resumes = self.report_events(shared);
-        let mut core = shared.core();
-        let known = &mut core.registers[self.id.0];
-        let known = known.replace(self.controller);
-        if core.storage.outputs.is_kept() {
-            let goes_on = known == Some(before);
-            let (settings, after) = (&self.settings, &self.controller);
-            let stepped = Stepped { id: self.id, settings, before: &before, goes_on, input, action, after };
-            core.storage.outputs.stepped(&stepped, now);
-        }
-        resumes
-    }
-
-    fn report_events(&mut self, shared: &LineHandle) -> Option<Cause> {
+    /// Reports the events of the controller. Returns why the axis is to resume from the register value, if it is.
+    pub(super) fn report_events(&self, shared: &LineHandle, controller: &mut Controller) -> Option<Cause> {
         let output = shared.profile.output(self.id);
         let (mut resumes, mut has_restarted) = (None, false);
-        for event in self.controller.take_events().iter() {
+        let events = controller.take_events();
+        let of = (self, &*controller);
+        for event in events.iter() {
             let is_foreign = matches!(event, output::Event::ForeignValue { .. });
             if !(has_restarted && is_foreign)
-                && let Some(event) = report::event(self, output, *event, &shared.clock)
+                && let Some(event) = report::event(of, output, *event, &shared.clock)
             {
                 shared.report(&event);
             }
@@ -156,9 +115,9 @@ impl Register {
                 output::Event::Written => shared.core().outputs[self.id.0].writes += 1,
                 output::Event::StillUntaken => shared.core().outputs[self.id.0].failures += 1,
                 output::Event::Recovered { was_untaken } => self.recovered(shared, output, was_untaken),
-                output::Event::NotApplied => report::not_applied(self, shared, output),
+                output::Event::NotApplied => report::not_applied(of, shared, output),
                 output::Event::Question if !shared.dry_run => {
-                    shared.report(&report::question(self, &output.name));
+                    shared.report(&report::question(of, &output.name));
                     let hint = "do what the alarm of its output says, then arm it";
                     let why = Explained::new("what of its register is ours is in question", hint);
                     shared.core().disarm(output.axis, why);
@@ -178,77 +137,32 @@ impl Register {
         }
     }
 
-    /// The set that it is in is refreshed as a whole.
-    pub(super) fn in_a_set(mut self) -> Register {
-        self.settings.refresh = None;
-        self
-    }
-
-    /// The control has taken what its registers hold, or has not.
-    pub(super) fn commits(&mut self, shared: &LineHandle, commit: SetCommit, now: Moment) {
-        if self.controller.is_bound() != (commit != SetCommit::Taken) {
-            self.step(shared, Input::Set(commit), now);
-        }
-    }
-
-    pub(super) fn state(&self) -> &State {
-        self.controller.state()
-    }
-
-    pub(super) fn action(&self) -> Action {
-        self.controller.action()
-    }
-
-    /// Whether a read of the whole set may go to the output step. An open interlock rejects every value, and another
-    /// action of the step may still be open.
-    pub(super) fn may_hear_a_read(&self) -> bool {
-        match self.action() {
-            Action::Read => true,
-            Action::Nothing { .. } => !self.state().is_interlocked(),
-            Action::Keep | Action::Write { .. } => false,
-        }
-    }
-
-    pub(super) fn is_writing(&self) -> bool {
-        matches!(self.action(), Action::Write { .. })
-    }
-
-    /// After the next read it asks for a write, if that shows nothing new.
-    pub(super) fn may_write(&self, now: Moment) -> bool {
-        self.state().may_write(&self.settings, now)
-    }
-
-    /// Its next step waits for what may still arrive.
-    pub(super) fn is_waiting_for_late(&self) -> bool {
-        self.state().shown(&self.settings).waits_until.is_some()
-    }
-
-    /// Register value as last verified.
-    pub(super) fn held(&self) -> Counts {
-        self.controller.held(&self.settings)
-    }
-
     /// The registers that hold this value. `None` if the control would read something else, or more than the limit: its
     /// axis is off then, until a person arms it.
-    pub(super) fn admitted(&self, shared: &LineHandle, value: Counts) -> Option<Encoded> {
-        let base = self.state().shown(&self.settings).account.map(|account| account.base);
-        let encoded = self.units.admitted(value, base, self.held());
+    pub(super) fn admitted(
+        &self,
+        shared: &LineHandle,
+        controller: &Controller,
+        value: Counts,
+    ) -> Option<Encoded> {
+        let base = controller.state().shown(&self.settings).account.map(|account| account.base);
+        let encoded = self.units.admitted(value, base, controller.held(&self.settings));
         encoded.map_err(|why| report::not_sent(shared, self.id, why)).ok()
     }
 
-    /// Gives the controller the result of an exchange.
-    pub(super) fn result(&mut self, turn: &LineTurn<'_>, input: Input) {
-        let (shared, now) = (turn.shared, turn.line.looked());
-        if turn.line.departure.has_stood_still() {
-            self.step(shared, Input::Fact(Fact::Paused), now);
-        }
+    /// Takes note of the result of an exchange.
+    pub(super) fn note(&mut self, input: Input) {
         self.failures.result(input);
-        self.step(shared, input, now);
     }
 
     /// A request of the register failed. A write that failed while the axis is off only went along with others.
-    pub(super) fn fail(&mut self, shared: &LineHandle, fault: Fault, access: Access) {
-        if access == Access::Write && !self.controller.is_armed() {
+    pub(super) fn fail(
+        &mut self,
+        shared: &LineHandle,
+        controller: &Controller,
+        (fault, access): (Fault, Access),
+    ) {
+        if access == Access::Write && !controller.is_armed() {
             return;
         }
         let in_words = || of_an_output(&shared.profile, self.id, fault);
@@ -267,73 +181,61 @@ impl Register {
         ));
     }
 
-    /// Result of a write that was not answered as done.
-    pub(super) fn failed(
+    /// Takes note of a write that failed.
+    pub(super) fn write_failed(
         &mut self,
         shared: &LineHandle,
+        controller: &Controller,
         (fault, outcome): (Fault, Outcome),
-        left: Moment,
-    ) -> Input {
-        if fault.has_lapsed() && outcome == Outcome::NotDone {
-            return match fault {
-                Fault::Caller(CallerFault::TooLate) => Input::NotSent(NotSent::TooLate),
-                _ => Input::Fact(Fact::NotSent),
-            };
-        }
-        self.fail(shared, fault, Access::Write);
-        match outcome {
-            Outcome::NotDone if fault.is_refusal() => Input::Fact(Fact::Refused),
-            Outcome::NotDone if fault.spoils_connection() => Input::NotSent(NotSent::Unreachable),
-            Outcome::NotDone => Input::NotSent(NotSent::Rejected),
-            _ => Input::Fact(Fact::Unknown { left }),
+    ) {
+        if !fault.has_lapsed() || outcome != Outcome::NotDone {
+            self.fail(shared, controller, (fault, Access::Write));
         }
     }
 
-    /// Asks the control what it applies, if that is due. Returns when it is due again.
-    pub(super) async fn read_applied(&mut self, turn: &mut LineTurn<'_>) -> Moment {
+    /// Asks the control what it applies, if that is due.
+    pub(super) async fn read_applied(
+        &mut self,
+        turn: &mut LineTurn<'_>,
+        controller: &Controller,
+    ) -> Option<OutputAnswer> {
         let output = turn.shared.profile.output(self.id);
         let asked = turn.line.looked();
-        if let Some(applied) = &output.applied
-            && asked >= self.controller.applied_due(&self.settings)
-        {
-            let request =
-                Request::Read { from: applied.address, count: applied.encoding.data_type.registers() };
-            let input = match turn.line.request(output.device, request, Leave::Whenever).await {
-                Ok(answered) => {
-                    let found = applied.encoding.decode(answered.answer.registers()).ok();
-                    turn.shared.core().outputs[self.id.0].applied =
-                        found.map(|found| (found, answered.asked));
-                    Input::Applied { found: found.and_then(|found| self.units.thousandths(found)), asked }
-                }
-                Err(fault) => {
-                    self.fail(turn.shared, fault, Access::Read);
-                    Input::AppliedNoAnswer { asked }
-                }
-            };
-            self.step(turn.shared, input, turn.line.looked());
-        }
-        self.controller.applied_due(&self.settings)
-    }
-
-    /// The turn ends.
-    pub(super) fn ends_turn(&mut self, turn: &LineTurn<'_>, demand: &OutputDemand) {
-        let resumes = self.step(turn.shared, Input::TurnEnds, turn.line.looked());
-        self.publish(turn.shared, demand, resumes);
+        let applied = output.applied.as_ref().filter(|_| asked >= controller.applied_due(&self.settings))?;
+        let request = Request::Read { from: applied.address, count: applied.encoding.data_type.registers() };
+        Some(match turn.line.request(output.device, request, Leave::Whenever).await {
+            Ok(answered) => {
+                let found = applied.encoding.decode(answered.answer.registers()).ok();
+                turn.shared.core().outputs[self.id.0].applied = found.map(|found| (found, answered.asked));
+                OutputAnswer::Applied(found.and_then(|found| self.units.thousandths(found)), asked)
+            }
+            Err(fault) => {
+                self.fail(turn.shared, controller, (fault, Access::Read));
+                OutputAnswer::AppliedNoAnswer(asked)
+            }
+        })
     }
 
     /// Shows the register to the axes and to people, and lets the axis resume from its value.
-    pub(super) fn publish(&mut self, shared: &LineHandle, demand: &OutputDemand, resumes: Option<Cause>) {
+    pub(super) fn publish(
+        &mut self,
+        shared: &LineHandle,
+        controller: &Controller,
+        demand: &OutputDemand,
+        resumes: Option<Cause>,
+    ) {
+        let state = controller.state();
         let output = shared.profile.output(self.id);
-        let copies = *self.state().copies();
-        let is_open = report::has_unanswered(self.state()) || copies.lately().next().is_some();
+        let copies = *state.copies();
+        let is_open = report::has_unanswered(state) || copies.lately().next().is_some();
         let open = is_open.then_some(copies);
-        let is_known = self.state().shown(&self.settings).verified.is_some();
+        let is_known = state.shown(&self.settings).verified.is_some();
         if is_known && std::mem::replace(&mut self.on_disk, open) != open {
             // In time for the next start, however this run ends. No line waits for it.
-            let _ = shared.ledger.keep(output, self.state().kept(), false);
+            let _ = shared.ledger.keep(output, state.kept(), false);
         }
         let mut core = shared.core();
-        let Some(cz) = report::show(self, demand, &mut core.outputs[self.id.0]) else { return };
+        let Some(cz) = report::show((self, controller), demand, &mut core.outputs[self.id.0]) else { return };
         let Some(cause) = resumes else { return };
         if core.found(self.id, cz) && cause == Cause::Restart {
             let axis = shared.profile.axis(output.axis).settings.name.clone();
@@ -344,10 +246,14 @@ impl Register {
     }
 
     /// Has what is known put on disk. `None` if the disk has not answered: the next turn asks it again.
-    pub(super) async fn keep(&mut self, turn: &mut LineTurn<'_>) -> Option<Input> {
+    pub(super) async fn keep(
+        &mut self,
+        turn: &mut LineTurn<'_>,
+        controller: &Controller,
+    ) -> Option<OutputAnswer> {
         let (shared, now) = (turn.shared, turn.line.looked());
         if shared.dry_run {
-            return Some(Input::Fact(Fact::Kept));
+            return Some(OutputAnswer::Kept);
         }
         let output = shared.profile.output(self.id);
         let is_new = self.keeping.is_none();
@@ -355,38 +261,47 @@ impl Register {
             Some(keeping) => keeping,
             None => {
                 // What is only noted is on disk before the next promise is.
-                match shared.ledger.keep(
-                    output,
-                    self.state().kept(),
-                    self.controller.must_keep(&self.settings),
-                ) {
+                let must_keep = controller.must_keep(&self.settings);
+                match shared.ledger.keep(output, controller.state().kept(), must_keep) {
                     Keeping::Version(version) => (version, now),
-                    Keeping::Needless => return Some(Input::Fact(Fact::Kept)),
-                    Keeping::Impossible => return Some(Input::Fact(Fact::NotKept)),
+                    Keeping::Needless => return Some(OutputAnswer::Kept),
+                    Keeping::Impossible => return Some(OutputAnswer::NotKept),
                 }
             }
         };
         self.keeping = Some((version, since));
         let timeout = shared.profile.bus(shared.profile.device(output.device).bus).timeout;
-        let span = if is_new { timeout } else { Duration::ZERO };
+        let span = if is_new || shared.clock.is_virtual() { timeout } else { Duration::ZERO };
         turn.line.departure.away_for(span);
-        let kept = shared.ledger.kept(version, span).await;
+        let kept = shared.ledger.kept(version, span, &shared.clock).await;
         let now = turn.line.look();
         if kept == Kept::NotYet && now.since(since) < DISK_PATIENCE {
             return None;
         }
         self.keeping = None;
         if kept == Kept::Yes {
-            return Some(Input::OnDisk);
+            return Some(OutputAnswer::OnDisk);
         }
-        if kept == Kept::NotYet && self.controller.trouble() != Some(Trouble::Disk) {
+        if kept == Kept::NotYet && controller.trouble() != Some(Trouble::Disk) {
             let why = Explained::new(
                 format!("the disk has not answered for {} s", DISK_PATIENCE.as_secs()),
                 "is it full, slow or broken?",
             );
             shared.report(&Event::NotKept { what: WHAT.to_owned(), why });
         }
-        Some(Input::Fact(Fact::NotKept))
+        Some(OutputAnswer::NotKept)
+    }
+}
+
+/// Result of a write that was not answered as done.
+pub(super) fn not_done((fault, outcome): (Fault, Outcome)) -> WriteResult {
+    match (fault, outcome) {
+        (Fault::Caller(CallerFault::TooLate), Outcome::NotDone) => WriteResult::TooLate,
+        (_, Outcome::NotDone) if fault.has_lapsed() => WriteResult::NotSent,
+        (_, Outcome::NotDone) if fault.is_refusal() => WriteResult::Refused,
+        (_, Outcome::NotDone) if fault.spoils_connection() => WriteResult::Unreachable,
+        (_, Outcome::NotDone) => WriteResult::Rejected,
+        _ => WriteResult::Unknown,
     }
 }
 

@@ -8,13 +8,13 @@ use crate::gateway::output::{OutputState, Standing};
 use crate::observe::events::Event;
 use isotherm_core::codec::Inadmissible;
 use isotherm_core::explained::Explained;
-use isotherm_core::output::{self, Account, OutputHealth, State};
+use isotherm_core::output::{self, Account, Controller, OutputHealth, State};
 use isotherm_core::quantity::{Counts, Micron};
 use isotherm_profile::{Output, OutputId};
 
 /// What the step has found out, for people; `None` where they hear of it otherwise.
 pub(super) fn event(
-    register: &Register,
+    (register, controller): (&Register, &Controller),
     output: &Output,
     event: output::Event,
     clock: &Clock,
@@ -23,7 +23,7 @@ pub(super) fn event(
     let when = output.when.as_ref().map_or(String::new(), |when| when.text.clone());
     let output = output.name.clone();
     let in_text = |counts| register.units.in_text(counts);
-    let shown = register.state().shown(&register.settings);
+    let shown = controller.state().shown(&register.settings);
     Some(match event {
         output::Event::OwnWriteArrivedLate { value, sent } => {
             Event::OwnWriteLate { output, value: in_text(value), sent: clock.stamp(sent).to_string() }
@@ -114,27 +114,32 @@ pub(super) fn not_sent(shared: &LineHandle, id: OutputId, why: Inadmissible) {
 }
 
 /// Reports that the control does not apply the register value in its time.
-pub(super) fn not_applied(register: &Register, shared: &LineHandle, output: &Output) {
+pub(super) fn not_applied(
+    (register, controller): (&Register, &Controller),
+    shared: &LineHandle,
+    output: &Output,
+) {
     let unit = output.writes.unit();
     let text = |value: f64| format!("{value:.1} {unit}");
     let address = output.applied.as_ref().map(|applied| applied.address);
     let found = shared.core().outputs[register.id.0].applied;
     shared.report(&Event::NotApplied {
         output: output.name.clone(),
-        stands: text(register.units.value(register.held())),
+        stands: text(register.units.value(controller.held(&register.settings))),
         applies: found.map_or("no number".to_owned(), |(found, _)| text(found)),
         register: address.map_or(String::new(), |address| address.to_string()),
     });
 }
 
 /// Question to the operator: how the register value divides into operator offset and gateway share.
-pub(super) fn question(register: &Register, output: &str) -> Event {
-    let (output, holds) = (output.to_owned(), register.units.in_text(register.held()));
-    let account = register.state().shown(&register.settings).account;
+pub(super) fn question((register, controller): (&Register, &Controller), output: &str) -> Event {
+    let holds = controller.held(&register.settings);
+    let (output, holds) = (output.to_owned(), register.units.in_text(holds));
+    let account = controller.state().shown(&register.settings).account;
     let Some(Account { base, share, doubt: Some(doubt) }) = account else {
         return Event::FirstAccount { output, holds };
     };
-    let sent = register.state().copies().under_way().map(|sent| sent.value - base);
+    let sent = controller.state().copies().under_way().map(|sent| sent.value - base);
     let others = sent.filter(|other| *other != share);
     let others: Vec<_> = others.map(|other| share_in_text(register, other)).collect();
     let perhaps = match others.is_empty() {
@@ -159,8 +164,12 @@ pub(super) fn has_unanswered(state: &State) -> bool {
 }
 
 /// Shows a register to the axes and the page. Returns the Cz that it holds, once that is known.
-pub(super) fn show(register: &Register, demand: &OutputDemand, seen: &mut OutputState) -> Option<Micron> {
-    let Register { units, settings, controller, .. } = register;
+pub(super) fn show(
+    (register, controller): (&Register, &Controller),
+    demand: &OutputDemand,
+    seen: &mut OutputState,
+) -> Option<Micron> {
+    let Register { units, settings, .. } = register;
     let state = controller.state();
     let shown = state.shown(settings);
     let waits = has_unanswered(state) || shown.waits_until.is_some();

@@ -1,48 +1,51 @@
-//! An offset that is written by itself.
+//! Output that is written by itself.
 
 use super::demand::OutputDemand;
 use super::failures::Access;
-use super::register::Register;
+use super::register::{Register, not_done};
 use super::{LineTurn, MOST_EXCHANGES};
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{CallerFault, Fault};
 use crate::fieldbus::wire::Request;
 use crate::gateway::line_handle::LineHandle;
-use isotherm_core::output::{Action, Fact, Follow, Input, NotSent, Verify};
+use crate::gateway::storage::Stepped;
+use isotherm_core::output::{Action, Cause, Controller, Fact, Follow, Input, NotSent, Verify, WriteResult};
 use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::OutputId;
 
 #[derive(Debug)]
 pub(in crate::gateway) struct Single {
     register: Register,
+    controller: Controller,
     /// When it is to be called again, if nothing else happens.
     pub(in crate::gateway) due: Moment,
 }
 
 impl Single {
     pub(in crate::gateway) fn new(shared: &LineHandle, id: OutputId, now: Moment) -> Single {
-        Single { register: Register::new(shared, id, now), due: now }
+        let (register, controller) = Register::new(shared, id, false, now);
+        Single { register, controller, due: now }
     }
 
     /// Returns whether its turn came too late for the last decision.
     pub(in crate::gateway) fn is_late(&self) -> bool {
-        self.register.controller.follow() == Follow::Late
+        self.controller.follow() == Follow::Late
     }
 
     /// Executes what the controller asks for.
     pub(in crate::gateway) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
         let (shared, now) = (turn.shared, turn.now);
         let demand = OutputDemand::of(shared, &shared.core(), self.register.id, now);
-        self.register.begins_turn(shared, &demand, now);
+        self.step(shared, Input::Demand(self.register.demand(shared, &demand)), now);
         for _ in 0..MOST_EXCHANGES {
-            let result = match self.register.action() {
+            let result = match self.controller.action() {
                 Action::Nothing { until } => {
                     self.due = until;
                     break;
                 }
                 Action::Read => self.read(turn).await,
-                Action::Keep => match self.register.keep(turn).await {
-                    Some(result) => result,
+                Action::Keep => match self.register.keep(turn, &self.controller).await {
+                    Some(answer) => answer.input(),
                     None => {
                         self.due = now;
                         break;
@@ -50,10 +53,40 @@ impl Single {
                 },
                 Action::Write { value, not_after, .. } => self.write(turn, value, not_after).await,
             };
-            self.register.result(turn, result);
+            self.result(turn, result);
         }
-        self.due = self.due.min(self.register.read_applied(turn).await);
-        self.register.ends_turn(turn, &demand);
+        if let Some(answer) = self.register.read_applied(turn, &self.controller).await {
+            self.step(shared, answer.input(), turn.line.looked());
+        }
+        self.due = self.due.min(self.controller.applied_due(&self.register.settings));
+        let resumes = self.step(shared, Input::TurnEnds, turn.line.looked());
+        self.register.publish(shared, &self.controller, &demand, resumes);
+    }
+
+    /// Gives the controller the result of an exchange.
+    fn result(&mut self, turn: &LineTurn<'_>, input: Input) {
+        let (shared, now) = (turn.shared, turn.line.looked());
+        if turn.line.departure.has_stood_still() {
+            self.step(shared, Input::Fact(Fact::Paused), now);
+        }
+        self.register.note(input);
+        self.step(shared, input, now);
+    }
+
+    /// Gives the controller an input, and reports its events. The new state outlives this task. The log gets input and action.
+    /// Returns why the axis is to resume from the register value, if it is.
+    fn step(&mut self, shared: &LineHandle, input: Input, now: Moment) -> Option<Cause> {
+        let (id, settings, before) = (self.register.id, &self.register.settings, self.controller);
+        let action = self.controller.step(settings, input, now);
+        let resumes = self.register.report_events(shared, &mut self.controller);
+        let mut core = shared.core();
+        let known = core.registers[id.0].replace(self.controller);
+        if core.storage.outputs.is_kept() {
+            let (goes_on, after) = (known == Some(before), &self.controller);
+            let stepped = Stepped { id, settings, before: &before, goes_on, input, action, after };
+            core.storage.outputs.stepped(&stepped, now);
+        }
+        resumes
     }
 
     async fn read(&mut self, turn: &mut LineTurn<'_>) -> Input {
@@ -70,7 +103,7 @@ impl Single {
                 Input::Fact(Fact::Read { found, asked })
             }
             Err(fault) => {
-                self.register.fail(turn.shared, fault, Access::Read);
+                self.register.fail(turn.shared, &self.controller, (fault, Access::Read));
                 Input::Fact(Fact::NoAnswer)
             }
         }
@@ -81,7 +114,7 @@ impl Single {
         if turn.line.is_resting(output.device, turn.line.looked()) {
             return Input::NotSent(NotSent::BacksOff);
         }
-        let Some(registers) = self.register.admitted(turn.shared, value) else {
+        let Some(registers) = self.register.admitted(turn.shared, &self.controller, value) else {
             return Input::Fact(Fact::NotSent);
         };
         let functions = turn.shared.profile.device(output.device).functions;
@@ -93,9 +126,14 @@ impl Single {
         let sent = turn.line.request(output.device, request, leave).await;
         // The clock sample follows the last byte: the write left no later than that.
         let left = turn.line.looked();
-        match sent {
-            Ok(_) => Input::Fact(Fact::Done { left }),
-            Err(fault) => self.register.failed(turn.shared, (fault, fault.outcome()), left),
-        }
+        let result = match sent {
+            Ok(_) => WriteResult::Done,
+            Err(fault) => {
+                let failed = (fault, fault.outcome());
+                self.register.write_failed(turn.shared, &self.controller, failed);
+                not_done(failed)
+            }
+        };
+        result.input(left)
     }
 }

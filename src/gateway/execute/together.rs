@@ -5,17 +5,9 @@ use super::{cells, nodes};
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, Outcome};
 use isotherm_core::codec::Encoded;
+use isotherm_core::output::OwnWords;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::OutputSet;
-
-/// What a set holds that is nobody's value.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Own {
-    pub(super) sequence: Option<u16>,
-    pub(super) heartbeat: u16,
-    /// What the gateway does.
-    pub(super) control: u16,
-}
 
 /// What stands there.
 #[derive(Clone, Debug)]
@@ -26,10 +18,6 @@ pub(super) struct Found {
     pub(super) heartbeat: Option<u16>,
     /// When the first question for it left.
     pub(super) asked: Moment,
-}
-
-pub(super) fn next_beat(beat: u16) -> u16 {
-    if beat >= 32767 { 0 } else { beat + 1 }
 }
 
 /// Reads all of it.
@@ -45,7 +33,7 @@ pub(super) async fn write(
     turn: &mut LineTurn<'_>,
     set: &OutputSet,
     values: &[Encoded],
-    own: Own,
+    own: OwnWords,
     leave: Leave,
 ) -> Result<(), (Fault, Outcome)> {
     match set.is_in_nodes(&turn.shared.profile) {
@@ -58,20 +46,10 @@ pub(super) async fn write(
 pub(super) async fn write_own(
     turn: &mut LineTurn<'_>,
     set: &OutputSet,
-    own: Own,
+    own: OwnWords,
 ) -> Result<(), (Fault, Outcome)> {
     match set.is_in_nodes(&turn.shared.profile) {
         true => nodes::write_own(turn, set, own).await,
         false => cells::write_own(turn, set, own).await,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_heartbeat_of_a_set_goes_round_below_the_sign() {
-        assert_eq!((next_beat(0), next_beat(32766), next_beat(32767)), (1, 32767, 0));
     }
 }

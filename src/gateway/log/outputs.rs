@@ -27,6 +27,10 @@
 //! row of each output in a file and in a run, and the first after rows that a disk did not take: so each file is replayed
 //! by itself. An input that changed nothing and asked for nothing is left out.
 //!
+//! Outputs that land together have rows under the name of their set: `set-begin`, with settings and state of the set in `detail`, and
+//! `set`, with the input of its controller ([`SetInput`]) and the action ([`SetAction`]) in `detail` (JSON). `action` has the name of the
+//! action: nothing, keep, read, write, write-own, acknowledge, raise, drop.
+//!
 //! Positions, heartbeats and control words are written again and again, whatever came of the last time. Of these there are
 //! the rows `cz` (in `value`, µm, where it has changed), `fault` (in `detail`, once until a write is answered),
 //! and `writes` and `failures` (how many since `moment`, a minute or more). A file that begins because the computer's clock
@@ -36,7 +40,8 @@
 use serde::{Deserialize, Serialize};
 
 use isotherm_core::output::{
-    Action, Condition, Demand, Demanded, Fact, Input, Mode, NotSent, Policy, SetCommit, Settings, State, Who,
+    Action, Condition, Demand, Demanded, Fact, Input, Mode, NotSent, Policy, SetAction, SetCommit,
+    SetController, SetInput, SetSettings, Settings, State, Who,
 };
 use isotherm_core::quantity::{Counts, Moment, Shift, Shifted};
 
@@ -56,6 +61,8 @@ pub const HEADER: &str = "time,output,fact,value,moment,action,action_value,acti
 pub const ENDING: &str = ".outputs.csv";
 
 const BEGIN: &str = "begin";
+const SET_BEGIN: &str = "set-begin";
+const SET: &str = "set";
 const CZ: &str = "cz";
 const FAULT: &str = "fault";
 const WRITES: &str = "writes";
@@ -74,6 +81,29 @@ pub struct Beginning {
     /// What its controller knows beside that.
     #[serde(default)]
     pub policy: Policy,
+}
+
+/// State from which a set continues.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SetBeginning {
+    /// Settings.
+    pub settings: SetSettings,
+    /// Controller.
+    pub set: SetController,
+}
+
+impl Shifted for SetBeginning {
+    fn shift(&mut self, by: Shift) {
+        self.set.shift(by);
+    }
+}
+
+/// Detail of the row of a set.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SetDetail {
+    input: SetInput,
+    action: SetAction,
 }
 
 /// Detail of a row: what its input has beside a value and a moment.

@@ -10,8 +10,10 @@ use jiff::civil::Date;
 
 use super::stamps::{Stamped, Stamps};
 use super::{Job, OUTPUT_QUEUE, keeping};
-use crate::gateway::log::outputs::{Beginning, OutputRecorder};
-use isotherm_core::output::{Action, Controller, Input, Settings};
+use crate::gateway::log::outputs::{Beginning, OutputRecorder, SetBeginning};
+use isotherm_core::output::{
+    Action, Controller, Input, SetAction, SetController, SetInput, SetSettings, Settings,
+};
 use isotherm_core::quantity::{Micron, Moment, Shifted};
 use isotherm_profile::{OutputId, Profile, SetId};
 
@@ -29,6 +31,19 @@ pub(in crate::gateway) struct Stepped<'a> {
     pub(in crate::gateway) input: Input,
     pub(in crate::gateway) action: Action,
     pub(in crate::gateway) after: &'a Controller,
+}
+
+/// The controller of a set has taken an input.
+#[derive(Debug)]
+pub(in crate::gateway) struct SetStepped<'a> {
+    pub(in crate::gateway) id: SetId,
+    pub(in crate::gateway) settings: &'a SetSettings,
+    pub(in crate::gateway) before: &'a SetController,
+    /// `before` is the state after the last input that was recorded.
+    pub(in crate::gateway) goes_on: bool,
+    pub(in crate::gateway) input: &'a SetInput,
+    pub(in crate::gateway) action: &'a SetAction,
+    pub(in crate::gateway) after: &'a SetController,
 }
 
 /// What is written again and again, whatever came of the last time.
@@ -76,7 +91,7 @@ pub(in crate::gateway) struct OutputsLog {
     stamps: Stamps,
     tears: Arc<Tears>,
     counts: (usize, usize),
-    /// By output, by set, and of the heartbeat.
+    /// By output, by set for its own words, of the heartbeat, and by set for its controller.
     lines: Vec<Line>,
     /// What failed, while it is compared with what failed before.
     message: String,
@@ -102,7 +117,7 @@ impl OutputsLog {
     pub(super) fn new(profile: &Profile, queue: SyncSender<Job>, stamps: Stamps) -> OutputsLog {
         let outputs = profile.outputs.iter().map(|output| output.name.clone());
         let sets = profile.sets.iter().map(|set| set.label());
-        let names = outputs.chain(sets).chain(["heartbeat".to_owned()]);
+        let names = outputs.chain(sets.clone()).chain(["heartbeat".to_owned()]).chain(sets);
         let counts = (profile.outputs.len(), profile.sets.len());
         OutputsLog { stamps, ..OutputsLog::of(names, counts, queue) }
     }
@@ -144,6 +159,27 @@ impl OutputsLog {
         }
         let name = &self.lines[stepped.id.0].name;
         let row = self.recorder.step(now, name, stepped.input, stepped.action).to_vec();
+        self.hand_over(now, row, stretch);
+    }
+
+    /// Queues an input of a set and its action. If rows before it are in another file or lost, they follow the state before them.
+    pub(in crate::gateway) fn set_stepped(&mut self, stepped: &SetStepped<'_>, now: Moment) {
+        let stretch = self.stretch(now);
+        let place = self.counts.0 + self.counts.1 + 1 + stepped.id.0;
+        let Some(line) = self.lines.get_mut(place) else { return };
+        line.begun = line.begun.filter(|begun| stepped.goes_on && *begun == stretch);
+        if matches!(stepped.action, SetAction::Nothing { .. }) && stepped.before == stepped.after {
+            return;
+        }
+        if line.begun.replace(stretch).is_none() {
+            let (settings, set) = (stepped.settings.clone(), stepped.before.clone());
+            let row = self.recorder.set_begin(now, &line.name, SetBeginning { settings, set }).to_vec();
+            if !self.hand_over(now, row, stretch) {
+                return;
+            }
+        }
+        let name = &self.lines[place].name;
+        let row = self.recorder.set_step(now, name, stepped.input, stepped.action).to_vec();
         self.hand_over(now, row, stretch);
     }
 

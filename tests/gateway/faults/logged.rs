@@ -157,8 +157,14 @@ fn a_set_with_a_handshake_and_lost_answers_comes_out_again() {
     let traces = runs(&text, faults, directory.path(), &[2 * MINUTE]);
     law::holds(&traces[0]);
     let (summary, text) = again(directory.path());
-    assert_eq!(summary.outputs.keys().collect::<Vec<_>>(), ["plc_x", "plc_y", "plc_z"]);
-    has(&text, &["plc_x,goes-along,", "plc_y,done,", "plc_z,read,", "plc_z,no-answer,"]);
+    assert_eq!(summary.outputs.keys().collect::<Vec<_>>(), ["set block"]);
+    let rows = [
+        "set block,set-begin,",
+        "set block,set,,,write,",
+        "set block,set,,,raise,",
+        "set block,set,,,acknowledge,",
+    ];
+    has(&text, &rows);
 }
 
 #[test]

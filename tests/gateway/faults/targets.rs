@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use isotherm::observe::status::Command;
 use isotherm::virtual_machine::Seen;
-use isotherm_profile::Control;
+use isotherm_core::output::ControlWord;
 
 use crate::faults::law;
 use crate::faults::rig::{Trace, World, block_on, run};
@@ -129,12 +129,12 @@ fn a_plc_is_given_its_block_in_one_request_a_second_with_heartbeat_control_and_c
     let controls: Vec<u16> = blocks.iter().map(|seen| seen.wanted[1]).collect();
     let mut words = controls.clone();
     words.dedup();
-    let enabled = Control::ENABLE;
-    let faulty = enabled | Control::FAULT;
+    let enabled = ControlWord::ENABLE;
+    let faulty = enabled | ControlWord::FAULT;
     // The heartbeat begins with the first good reading, which may be one turn before the axes are armed.
     let words = words.strip_prefix(&[0]).unwrap_or(&words);
     // The last word says that nothing is armed any more.
-    assert_eq!(words, [enabled, faulty | Control::HOLD, faulty, Control::FAULT], "{}", trace.lines());
+    assert_eq!(words, [enabled, faulty | ControlWord::HOLD, faulty, ControlWord::FAULT], "{}", trace.lines());
     let high = blocks.iter().map(|seen| signed(&seen.wanted[8..10])).max().unwrap();
     for seen in &blocks {
         let [x, y, z] = [4, 6, 8].map(|at| signed(&seen.wanted[at..at + 2]));
@@ -169,12 +169,12 @@ fn the_heartbeat_of_a_set_goes_on_while_its_axis_is_off_and_its_control_word_say
     assert!(silence < Duration::from_millis(1500), "the heartbeat stood still for {silence:?}");
     let within = |from: f64, to: f64| blocks.iter().filter(move |seen| (from..to).contains(&at(seen)));
     assert!(within(41.0, 69.0).count() > 25, "while it is off");
-    assert!(within(41.0, 69.0).all(|seen| seen.wanted[1] & Control::ENABLE == 0));
+    assert!(within(41.0, 69.0).all(|seen| seen.wanted[1] & ControlWord::ENABLE == 0));
     let off: std::collections::BTreeSet<_> =
         within(41.0, 69.0).map(|seen| seen.wanted[8..10].to_vec()).collect();
     assert_eq!(off.len(), 1, "what stands there goes along: {off:?}");
-    assert!(within(72.0, 119.0).all(|seen| seen.wanted[1] & Control::ENABLE != 0));
-    assert_eq!(blocks.last().unwrap().wanted[1] & Control::ENABLE, 0, "at the end nothing is armed");
+    assert!(within(72.0, 119.0).all(|seen| seen.wanted[1] & ControlWord::ENABLE != 0));
+    assert_eq!(blocks.last().unwrap().wanted[1] & ControlWord::ENABLE, 0, "at the end nothing is armed");
 }
 
 #[test]

@@ -12,9 +12,9 @@ fn a_write_that_is_done_and_denied_or_lost_is_looked_for_and_the_axis_goes_on() 
     all_at_once(cases.map(|(fate, more)| move || denied(fate, more)));
 }
 
-/// Every other write meets this fate; of those that are lost every third, because what follows one is the same again.
+/// Every other write meets this fate; of those that are lost every fourth, because what follows one is the same again, in a set twice.
 fn denied(fate: Fate, more: &str) {
-    let each = if fate == Fate::Lost { 3 } else { 2 };
+    let each = if fate == Fate::Lost { 4 } else { 2 };
     let control = Control::of(move |write| if write % each == 1 { fate } else { Fate::Done });
     let text = profile_of(&control, "2s", more);
     let seen = control.clone();

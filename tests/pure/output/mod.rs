@@ -11,5 +11,7 @@ mod rows;
 mod search;
 mod searched;
 mod second;
+mod set;
+mod set_world;
 mod traces;
 mod world;

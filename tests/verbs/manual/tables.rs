@@ -129,6 +129,7 @@ fn what_can_be_posted_is_every_kind_of_event() {
     use isotherm_profile::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, TRIGGERS, UNVERIFIED};
     let mut source = String::new();
     gather(&root().join("src/observe/events"), &mut source);
+    source += &std::fs::read_to_string(root().join("crates/core/src/output/handshake.rs")).unwrap();
     let source = source.split_whitespace().collect::<Vec<_>>().join(" ");
     let own = [ALARM, ALARM_OVER, AXIS_OFF, UNVERIFIED, CLOCK];
     let unknown =

@@ -38,10 +38,11 @@ use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
 pub const MOST_EVENTS: usize = 24;
 
 /// One output with everything that decides about it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Controller {
     state: State,
     policy: Policy,
+    #[serde(skip)]
     events: Slots<Event, MOST_EVENTS>,
 }
 

@@ -10,7 +10,8 @@
 //! | not known: the set, the strobe or an answer was lost | nothing | the same number |
 //! | not acknowledged, although the control answers | the control has another number, or its acknowledge is broken | the next number in turn |
 //!
-//! If each number in turn was refused, one more may be next: the control may have taken the highest without an acknowledge.
+//! If each number in turn was refused, one more may be next: the control may have taken the highest without an acknowledge. After a run
+//! that was killed, also a lower one: the control may have refused what that run sent.
 
 use serde::{Deserialize, Serialize};
 
@@ -19,7 +20,7 @@ const MOST: u16 = 200;
 
 /// Numbers of a set that its control may take next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct Numbers {
+pub(super) struct Numbers {
     /// The last number that the control has acknowledged.
     taken: u16,
     /// How many numbers after it may be next.
@@ -27,6 +28,17 @@ pub struct Numbers {
     /// How many of them were refused in this turn, the highest first.
     refused: u16,
     values: Values,
+    floor: Floor,
+}
+
+/// Whether the control may be behind the last number that is taken to be acknowledged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Floor {
+    /// The control is not behind.
+    Known,
+    /// An earlier run may have sent numbers that the control refused.
+    Open,
 }
 
 /// Values that were sent under the numbers since the last acknowledge.
@@ -41,7 +53,7 @@ enum Values {
 
 /// Result of an attempt to have a set taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Attempt {
+pub(super) enum Attempt {
     /// The control has acknowledged the set.
     Acknowledged,
     /// The control answered each time, and has not acknowledged the set in its time.
@@ -52,32 +64,49 @@ pub enum Attempt {
 
 impl Numbers {
     /// Numbers of a control whose register holds this number, which it has taken.
-    pub fn after(number: u16) -> Numbers {
-        Numbers { taken: number, count: 1, refused: 0, values: Values::Same }
+    pub(super) fn after(number: u16) -> Numbers {
+        Numbers { taken: number, count: 1, refused: 0, values: Values::Same, floor: Floor::Known }
     }
 
     /// Numbers of a control whose register holds this number, which an earlier run has sent and the control may not have taken.
-    pub fn perhaps(number: u16) -> Numbers {
-        Numbers { taken: number.saturating_sub(1), count: 1, refused: 0, values: Values::Changed }
+    pub(super) fn perhaps(number: u16) -> Numbers {
+        let (values, floor) = (Values::Changed, Floor::Open);
+        Numbers { taken: number.saturating_sub(1), count: 1, refused: 0, values, floor }
     }
 
     /// Number of the next attempt.
-    pub fn next(&self) -> u16 {
+    pub(super) fn next(&self) -> u16 {
         later(self.taken, self.count - self.refused)
     }
 
     /// Returns whether this number is the last one that was acknowledged, or one that was tried since.
-    pub fn contains(&self, number: u16) -> bool {
+    pub(super) fn contains(&self, number: u16) -> bool {
         (0..=self.count).any(|place| later(self.taken, place) == number)
     }
 
+    /// Returns whether other values may have been sent under these numbers.
+    pub(super) fn is_unsure(&self) -> bool {
+        self.values == Values::Changed
+    }
+
+    /// Returns whether this number may follow the last one that was acknowledged.
+    pub(super) fn reaches(&self, number: u16) -> bool {
+        (0..MOST).any(|place| later(self.taken, place) == number)
+    }
+
+    /// Numbers up to the one after `number`, which an earlier run has sent, perhaps with other values.
+    pub(super) fn with(self, number: u16) -> Numbers {
+        let place = (0..MOST).find(|place| later(self.taken, *place) == number).unwrap_or_default();
+        Numbers { count: self.count.max(place + 1), refused: 0, values: Values::Changed, ..self }
+    }
+
     /// Other values are sent than with the attempt before.
-    pub fn change_values(&mut self) {
+    pub(super) fn change_values(&mut self) {
         self.values = Values::Changed;
     }
 
     /// Takes note of the result of an attempt. Returns whether the control has taken the values that were sent.
-    pub fn result(&mut self, attempt: Attempt) -> bool {
+    pub(super) fn result(&mut self, attempt: Attempt) -> bool {
         match attempt {
             Attempt::Acknowledged => {
                 let is_taken = self.values == Values::Same;
@@ -87,7 +116,9 @@ impl Numbers {
             Attempt::Refused => {
                 self.refused += 1;
                 if self.refused == self.count {
-                    (self.count, self.refused) = ((self.count + 1).min(MOST), 0);
+                    let lower = u16::from(self.floor == Floor::Open && self.taken > 0);
+                    self.taken -= lower;
+                    (self.count, self.refused) = ((self.count + 1 + lower).min(MOST), 0);
                 }
                 false
             }

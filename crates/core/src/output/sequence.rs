@@ -6,12 +6,15 @@
 
 use std::time::Duration;
 
-use crate::quantity::{Counts, Moment};
+use serde::{Deserialize, Serialize};
+
+use crate::quantity::{Counts, Moment, shifted};
 
 /// Sets that are sent at most while one of them is on its way: ten a second, for a minute and more.
 const LATELY: u16 = 1024;
 
-#[derive(Clone, Debug, Default)]
+/// Number of a set as its register shows it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Sequence {
     /// Newest number that the register has held, and the values beside it then.
     newest: Option<(u16, Vec<Counts>)>,
@@ -55,7 +58,14 @@ impl Sequence {
     pub(super) fn forget(&mut self) {
         *self = Sequence::default();
     }
+
+    /// Moves every moment by `to`.
+    pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment) -> Sequence {
+        Sequence { older_since: self.older_since.map(to), ..self.clone() }
+    }
 }
+
+shifted!(Sequence: older_since);
 
 /// Zero is left to a control that has just been started.
 fn next(number: u16) -> u16 {

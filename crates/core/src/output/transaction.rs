@@ -6,13 +6,16 @@
 
 use std::time::Duration;
 
+use serde::{Deserialize, Serialize};
+
 use super::demand::SetCommit;
 use super::numbers::{Attempt, Numbers};
 use super::sequence::Sequence;
-use crate::quantity::{Counts, Moment};
+use crate::quantity::{Counts, Moment, shifted};
 
 /// How a control takes a set.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Taking {
     /// With the request that carries the values: the control takes what its registers hold, or takes it when the number changes.
     AtOnce,
@@ -25,7 +28,8 @@ pub enum Taking {
 }
 
 /// History of the number that is sent next.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 enum NextNumber {
     /// The control has not had it.
     New,
@@ -34,7 +38,8 @@ enum NextNumber {
 }
 
 /// How the last run ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 enum LastRun {
     /// In order: the control has taken what the registers hold at first.
     InOrder,
@@ -43,8 +48,8 @@ enum LastRun {
 }
 
 /// A set and its control.
-#[derive(Clone, Debug)]
-pub struct Transaction {
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub(super) struct Transaction {
     taking: Taking,
     last_run: LastRun,
     /// Values that were sent and are to be taken.
@@ -56,24 +61,26 @@ pub struct Transaction {
     numbers: Option<Numbers>,
     /// Values of the last attempt since the control acknowledged one.
     tried: Option<Vec<Counts>>,
+    /// Number and values of the last attempt, if it was not answered and the control does not acknowledge.
+    unanswered: Option<(u16, Vec<Counts>)>,
     next_number: NextNumber,
 }
 
 /// One member of a set.
 #[derive(Clone, Copy, Debug)]
-pub struct Member {
+pub(super) struct Member {
     /// Register value as last verified.
-    pub held: Counts,
+    pub(super) held: Counts,
     /// The axis is armed and the interlock closed.
-    pub is_driven: bool,
+    pub(super) is_driven: bool,
     /// The control may not have taken the register value.
-    pub is_bound: bool,
+    pub(super) is_bound: bool,
 }
 
 impl Transaction {
     /// Set at a start. If the last run did not end in order, the control has perhaps not taken what the registers hold: with the set comes
     /// what its members begin with.
-    pub fn new(taking: Taking, has_number: bool, was_in_order: bool) -> (Transaction, SetCommit) {
+    pub(super) fn new(taking: Taking, has_number: bool, was_in_order: bool) -> (Transaction, SetCommit) {
         let is_open = !was_in_order && (has_number || taking != Taking::AtOnce);
         let transaction = Transaction {
             taking,
@@ -83,6 +90,7 @@ impl Transaction {
             sequence: Sequence::default(),
             numbers: None,
             tried: None,
+            unanswered: None,
             next_number: if is_open && has_number { NextNumber::PerhapsOld } else { NextNumber::New },
         };
         (transaction, if is_open { SetCommit::Open } else { SetCommit::Taken })
@@ -90,7 +98,7 @@ impl Transaction {
 
     /// The registers hold these values under this number. What was not taken is to be taken before anything else is sent. Returns what
     /// that makes of the members. `None`: nothing.
-    pub fn read(
+    pub(super) fn read(
         &mut self,
         number: Option<u16>,
         values: &[Counts],
@@ -108,7 +116,7 @@ impl Transaction {
         if is_late && self.taking == Taking::AtOnce {
             self.sent = None;
         }
-        let is_untaken = self.taken.as_deref() != Some(values);
+        let is_untaken = self.taken.as_deref() != Some(values) || self.next_number == NextNumber::PerhapsOld;
         match self.taking {
             Taking::AtOnce if is_late => Some(SetCommit::Open),
             Taking::AtOnce => None,
@@ -126,6 +134,11 @@ impl Transaction {
                 self.next_number = next;
                 numbers
             }
+            // A set of an earlier run arrived late.
+            Some(numbers) if numbers.is_unsure() && numbers.reaches(newest) => {
+                self.next_number = next;
+                numbers.with(newest)
+            }
             None if next == NextNumber::PerhapsOld && !was_in_order => Numbers::perhaps(newest),
             // The control has set another number itself.
             Some(_) | None => Numbers::after(newest),
@@ -133,39 +146,48 @@ impl Transaction {
     }
 
     /// Number of the next set.
-    pub fn next_number(&self) -> u16 {
+    pub(super) fn next_number(&self) -> u16 {
         self.numbers.map_or_else(|| self.sequence.next(), |numbers| numbers.next())
     }
 
     /// The control was restarted: the set follows whatever number its register holds then.
-    pub fn forget_number(&mut self) {
+    pub(super) fn forget_number(&mut self) {
         self.sequence.forget();
-        (self.numbers, self.tried) = (None, None);
+        (self.numbers, self.tried, self.unanswered) = (None, None, None);
     }
 
-    /// These values have been sent, or may have been.
-    pub fn sends(&mut self, values: Vec<Counts>) {
-        if let Some(numbers) = &mut self.numbers
-            && self.tried.as_ref().is_some_and(|tried| *tried != values)
-        {
-            numbers.change_values();
+    /// These values have been sent under this number, or may have been. Returns what that makes of the members. `None`: nothing.
+    pub(super) fn sends(
+        &mut self,
+        number: Option<u16>,
+        values: Vec<Counts>,
+        is_done: bool,
+    ) -> Option<SetCommit> {
+        if let Some(numbers) = &mut self.numbers {
+            if self.tried.as_ref().is_some_and(|tried| *tried != values) {
+                numbers.change_values();
+            }
+        } else if let Some(number) = number {
+            // An earlier attempt under this number may arrive first. The control takes that one then, and not this.
+            let is_other = |(tried, with): &(u16, Vec<Counts>)| *tried == number && *with != values;
+            if self.unanswered.as_ref().is_some_and(is_other) {
+                self.next_number = NextNumber::PerhapsOld;
+            }
+            self.unanswered = (!is_done).then(|| (number, values.clone()));
         }
         self.tried = Some(values.clone());
         self.sent = Some(values);
-    }
-
-    /// Not all of a request was answered as done. Returns what that makes of the members. `None`: nothing.
-    pub fn is_not_done(&self) -> Option<SetCommit> {
-        (self.taking != Taking::AtOnce).then_some(SetCommit::Open)
+        let is_open = !is_done && self.taking != Taking::AtOnce;
+        (is_open || self.next_number == NextNumber::PerhapsOld).then_some(SetCommit::Open)
     }
 
     /// Returns whether the registers hold what was sent.
-    pub fn is_sent(&self, values: &[Counts]) -> bool {
+    pub(super) fn is_sent(&self, values: &[Counts]) -> bool {
         self.sent.as_deref() == Some(values)
     }
 
     /// Takes note of the result of an attempt to have the set taken.
-    pub fn attempt(&mut self, attempt: Attempt) {
+    pub(super) fn attempt(&mut self, attempt: Attempt) {
         if attempt == Attempt::Acknowledged {
             self.tried = None;
         }
@@ -189,7 +211,7 @@ impl Transaction {
 
     /// Returns the values that were sent, if the registers hold them by half and the rest can be sent once more. `can_be` says so of each
     /// member: not after something else has happened to it, and not on readings that are too old.
-    pub fn demanded_again(
+    pub(super) fn demanded_again(
         &mut self,
         members: &[Member],
         can_be: impl Fn(usize, Counts) -> bool,
@@ -203,7 +225,7 @@ impl Transaction {
     }
 
     /// Returns whether these values are all of what was sent before, if the registers hold that by half.
-    pub fn is_whole(&self, members: &[Member], values: &[Counts]) -> bool {
+    pub(super) fn is_whole(&self, members: &[Member], values: &[Counts]) -> bool {
         self.half_sent(members).is_none_or(|sent| {
             let mut each = members.iter().zip(values).zip(sent);
             each.all(|((member, value), sent)| value == sent || !member.is_driven)
@@ -212,7 +234,7 @@ impl Transaction {
 
     /// The control has taken what the registers hold. Returns whether that is known: under a number that the control may have had, the same
     /// is sent with the next one.
-    pub fn is_taken(&mut self) -> bool {
+    pub(super) fn is_taken(&mut self) -> bool {
         let is_known = std::mem::replace(&mut self.next_number, NextNumber::New) == NextNumber::New;
         if is_known {
             self.taken = self.sent.take();
@@ -221,10 +243,17 @@ impl Transaction {
     }
 
     /// The control has not taken what was sent, or nobody knows.
-    pub fn doubt(&mut self) {
+    pub(super) fn doubt(&mut self) {
         self.taken = None;
     }
+
+    /// Moves every moment by `to`.
+    pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment) -> Transaction {
+        Transaction { sequence: self.sequence.moved(to), ..self.clone() }
+    }
 }
+
+shifted!(Transaction: sequence);
 
 #[cfg(test)]
 mod tests {
@@ -248,7 +277,7 @@ mod tests {
 
     /// The control takes what the registers hold, and acknowledges it. Returns whether that is known.
     fn takes(set: &mut Transaction, values: &[Counts]) -> bool {
-        set.sends(values.to_vec());
+        set.sends(Some(set.next_number()), values.to_vec(), true);
         set.read(Some(set.next_number()), values, LATE, NOW);
         assert!(set.is_sent(values));
         set.attempt(Attempt::Acknowledged);
@@ -268,7 +297,7 @@ mod tests {
     fn the_number_stays_after_a_loss_and_its_values_stay_bound_to_it() {
         let mut set = acknowledged(true, 6, &counts([1, 2]));
         let sent = counts([3, 4]);
-        set.sends(sent.clone());
+        set.sends(Some(7), sent.clone(), false);
         for _ in 0..5 {
             set.attempt(Attempt::Unknown);
             set.doubt();
@@ -292,11 +321,24 @@ mod tests {
     #[test]
     fn other_values_under_a_number_that_was_tried_are_not_known_to_be_taken() {
         let mut set = acknowledged(true, 6, &counts([1, 2]));
-        set.sends(counts([3, 4]));
+        set.sends(Some(7), counts([3, 4]), false);
         set.attempt(Attempt::Unknown);
         assert!(!takes(&mut set, &counts([5, 6])));
         assert_eq!(set.next_number(), 8);
         assert!(takes(&mut set, &counts([5, 6])));
+    }
+
+    #[test]
+    fn other_values_under_a_number_that_may_still_arrive_are_sent_again_with_the_next() {
+        let (mut set, _) = Transaction::new(Taking::AtOnce, true, true);
+        set.read(Some(6), &counts([0, 0]), LATE, NOW);
+        assert_eq!(set.sends(Some(7), counts([1, 1]), false), None);
+        set.read(Some(6), &counts([0, 0]), LATE, NOW);
+        assert_eq!(set.sends(Some(7), counts([0, 0]), true), Some(SetCommit::Open));
+        set.read(Some(7), &counts([0, 0]), LATE, NOW);
+        assert!(!set.is_taken(), "the control may have taken 1 and 1 under number 7");
+        assert_eq!(set.sends(Some(8), counts([0, 0]), true), None);
+        assert!(set.is_taken());
     }
 
     #[test]
@@ -311,7 +353,7 @@ mod tests {
     fn what_was_sent_by_half_is_demanded_again_or_given_up() {
         let (mut set, _) = Transaction::new(Taking::Number, true, true);
         set.read(Some(6), &counts([1, 1]), LATE, NOW);
-        set.sends(counts([2, 2]));
+        set.sends(Some(7), counts([2, 2]), false);
         let members = [Counts(2), Counts(1)].map(|held| Member { held, is_driven: true, is_bound: true });
         assert!(!set.is_whole(&members, &counts([2, 1])));
         assert!(set.is_whole(&members, &counts([2, 2])));

@@ -76,21 +76,6 @@ pub struct OutputSet {
     pub handshake: Option<Handshake>,
 }
 
-/// The bits of a set's control word.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Control;
-
-impl Control {
-    /// Every axis of the set is armed.
-    pub const ENABLE: u16 = 1;
-    /// One of them keeps its value.
-    pub const HOLD: u16 = 2;
-    /// One of them takes its fault action.
-    pub const FAULT: u16 = 4;
-    /// One of them follows a fallback model.
-    pub const DEGRADED: u16 = 8;
-}
-
 /// A word that a set writes into a node besides its outputs' values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OwnWord {

@@ -6,12 +6,12 @@ use std::io::Read;
 use csv::StringRecord;
 
 use super::{
-    BEGIN, Beginning, CLOCK, CZ, DemandDetail, FAILURES, FAULT, HEADER, SEALED, Towards, WRITES, action,
-    input,
+    BEGIN, Beginning, CLOCK, CZ, DemandDetail, FAILURES, FAULT, HEADER, SEALED, SET, SET_BEGIN, SetBeginning,
+    SetDetail, Towards, WRITES, action, input,
 };
 use crate::gateway::log::LogError;
 use crate::gateway::log::reader::unreadable;
-use isotherm_core::output::{Action, Fact, Input};
+use isotherm_core::output::{Action, Fact, Input, SetAction, SetInput};
 use isotherm_core::quantity::{Counts, Moment, time};
 use isotherm_profile::regular::{self, Lines};
 
@@ -39,6 +39,15 @@ pub enum Entry {
         input: Input,
         /// What was to be done next.
         action: Action,
+    },
+    /// A set continues from this.
+    SetBegins(Box<SetBeginning>),
+    /// The controller of a set took an input, and asked for something.
+    SetStep {
+        /// The input.
+        input: SetInput,
+        /// What was to be done next.
+        action: SetAction,
     },
     /// Something for people alone.
     Noted,
@@ -120,15 +129,17 @@ impl<R: Read> OutputLogReader<R> {
             return Err(LogError { file: self.file.clone(), line, column: None, message });
         }
         let now = time::parse(self.cell(TIME)).map_err(|why| self.error(line, TIME, why))?;
+        let wrong = |why| {
+            let why =
+                format!("{why}; another version of the program has written it: replay it with that one");
+            self.error(line, DETAIL, why)
+        };
         let entry = match self.cell(FACT) {
-            BEGIN => {
-                let wrong = |why| {
-                    let why = format!(
-                        "{why}; another version of the program has written it: replay it with that one"
-                    );
-                    self.error(line, DETAIL, why)
-                };
-                Entry::Begins(serde_json::from_str(self.cell(DETAIL)).map_err(wrong)?)
+            BEGIN => Entry::Begins(serde_json::from_str(self.cell(DETAIL)).map_err(wrong)?),
+            SET_BEGIN => Entry::SetBegins(serde_json::from_str(self.cell(DETAIL)).map_err(wrong)?),
+            SET => {
+                let detail: SetDetail = serde_json::from_str(self.cell(DETAIL)).map_err(wrong)?;
+                Entry::SetStep { input: detail.input, action: detail.action }
             }
             CZ | FAULT | WRITES | FAILURES | CLOCK | SEALED => Entry::Noted,
             _ => Entry::Step {

@@ -3,10 +3,13 @@
 use std::fmt::Display;
 use std::io::Write;
 
-use super::{BEGIN, Beginning, CLOCK, CZ, Detail, FAILURES, FAULT, WRITES, cells_of_action, cells_of_input};
+use super::{
+    BEGIN, Beginning, CLOCK, CZ, Detail, FAILURES, FAULT, SET, SET_BEGIN, SetBeginning, SetDetail, WRITES,
+    cells_of_action, cells_of_input,
+};
 use crate::clock::Correction;
 use crate::gateway::log::recorder::{cell, has_to_be_quoted, number};
-use isotherm_core::output::{Action, Input};
+use isotherm_core::output::{Action, Input, SetAction, SetInput};
 use isotherm_core::quantity::{Micron, Moment, Shift, Shifted, time};
 
 /// Turns what happens to outputs into rows, each with its line break.
@@ -38,6 +41,25 @@ impl OutputRecorder {
         let _ = write!(self.line, ",{}", action.0);
         self.value_and_moment(action.1, action.2);
         self.ends(",", &detail.map_or(String::new(), |detail| cell(&detail)))
+    }
+
+    /// A set goes on from this.
+    pub fn set_begin(&mut self, now: Moment, set: &str, beginning: SetBeginning) -> &[u8] {
+        // Numbers, names and lists of them always have a JSON form.
+        let detail = serde_json::to_string(&beginning.shifted(self.shift)).unwrap_or_default();
+        self.begins(now, set, SET_BEGIN);
+        self.ends(",,,,,,", &cell(&detail))
+    }
+
+    /// The controller of a set took an input, and asked for something.
+    pub fn set_step(&mut self, now: Moment, set: &str, input: &SetInput, action: &SetAction) -> &[u8] {
+        let (input, shifted) = (input.clone().shifted(self.shift), action.clone().shifted(self.shift));
+        // Numbers, names and lists of them always have a JSON form.
+        let detail = serde_json::to_string(&SetDetail { input, action: shifted }).unwrap_or_default();
+        self.begins(now, set, SET);
+        // Writing to a vector never fails.
+        let _ = write!(self.line, ",,,{}", action.name());
+        self.ends(",,,", &cell(&detail))
     }
 
     /// The Cz that went into a position is another one.

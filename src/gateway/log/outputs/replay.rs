@@ -2,13 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use super::{Entry, OutputRow, message};
-use isotherm_core::output::{Controller, Settings};
+use super::{Entry, OutputRow, SetBeginning, message};
+use isotherm_core::output::{Controller, SetAction, SetInput, Settings};
 
 /// The outputs of a log as they go on.
 #[derive(Clone, Debug, Default)]
 pub struct OutputReplay {
     running: BTreeMap<String, Box<(Settings, Controller)>>,
+    sets: BTreeMap<String, Box<SetBeginning>>,
 }
 
 /// What a row came to.
@@ -38,6 +39,11 @@ impl OutputReplay {
                 self.running.insert(row.output.clone(), Box::new((beginning.settings, controller)));
                 return Replayed::Nothing;
             }
+            Entry::SetBegins(beginning) => {
+                self.sets.insert(row.output.clone(), beginning.clone());
+                return Replayed::Nothing;
+            }
+            Entry::SetStep { input, action } => return self.set_row(row, input, action),
             Entry::Noted => return Replayed::Nothing,
             Entry::Step { input, action } => (*input, *action),
         };
@@ -49,5 +55,21 @@ impl OutputReplay {
             return Replayed::Same;
         }
         Replayed::Different { recorded: message(recorded), replayed: message(replayed) }
+    }
+
+    fn set_row(&mut self, row: &OutputRow, input: &SetInput, recorded: &SetAction) -> Replayed {
+        let Some(running) = self.sets.get_mut(&row.output) else { return Replayed::Unknown };
+        let SetBeginning { settings, set } = &mut **running;
+        let replayed = set.step(settings, input, row.now);
+        for controller in set.members_mut() {
+            let _ = controller.take_events();
+        }
+        let _ = set.take_faults();
+        if replayed == *recorded {
+            return Replayed::Same;
+        }
+        // Numbers, names and lists of them always have a JSON form.
+        let words = |action: &SetAction| serde_json::to_string(action).unwrap_or_default();
+        Replayed::Different { recorded: words(recorded), replayed: words(&replayed) }
     }
 }

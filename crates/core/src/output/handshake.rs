@@ -1,9 +1,9 @@
 //! How a handshake with a control can fail.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// The stage at which a handshake failed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum HandshakeFault {
     /// The acknowledge was up before the strobe, and stayed up.
@@ -69,7 +69,7 @@ impl HandshakeFault {
 
     /// The sentence about `set` ("output cnc_z", "set plc"). `register`: that of the strobe or the acknowledge; `cause`:
     /// "within 500 ms", or the fault of the request.
-    pub(super) fn sentence(self, set: &str, register: &str, cause: &str) -> String {
+    pub fn sentence(self, set: &str, register: &str, cause: &str) -> String {
         let flag = if self.is_of_the_strobe() { "strobe" } else { "acknowledge" };
         let failed = match self {
             HandshakeFault::AcknowledgeEarly => {

@@ -1,0 +1,373 @@
+//! Input and actions of the controller of a set ([`SetController`](super::SetController)).
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::Fact;
+use super::demand::{Demand, Input, NotSent};
+use super::settings::Settings;
+use super::transaction::Taking;
+use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
+
+/// Settings of a set.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SetSettings {
+    /// Settings of each output.
+    pub members: Vec<Settings>,
+    /// How the control takes the set.
+    pub taking: Taking,
+    /// The set has a register for its number.
+    pub has_number: bool,
+    /// Time that the control has for each answer to the strobe. `None` without a handshake.
+    pub timeout: Option<Duration>,
+    /// The set is sent again after this time, although nothing is to change.
+    pub refresh: Option<Duration>,
+    /// Heartbeat and control word.
+    pub words: SetWords,
+}
+
+/// Heartbeat and control word of a set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SetWords {
+    /// The set has neither.
+    None,
+    /// The set has a heartbeat.
+    Heartbeat(Alone),
+    /// The set has a control word, and perhaps a heartbeat.
+    Control(Alone),
+}
+
+/// Whether heartbeat and control word can be written without the members.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Alone {
+    /// The control takes all of the set or nothing.
+    No,
+    /// They can.
+    Yes,
+}
+
+impl SetWords {
+    pub(super) fn can_leave_alone(self) -> bool {
+        matches!(self, SetWords::Heartbeat(Alone::Yes) | SetWords::Control(Alone::Yes))
+    }
+
+    pub(super) fn has_control(self) -> bool {
+        matches!(self, SetWords::Control(_))
+    }
+}
+
+/// Bits of a control word.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ControlWord;
+
+impl ControlWord {
+    /// Every axis of the set is armed.
+    pub const ENABLE: u16 = 1;
+    /// An axis keeps its value.
+    pub const HOLD: u16 = 2;
+    /// An axis carries out its fault action.
+    pub const FAULT: u16 = 4;
+    /// An axis follows a fallback model.
+    pub const DEGRADED: u16 = 8;
+}
+
+/// Demand on a set: what is required of its outputs and of its own words now.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SetDemand {
+    /// Demand on each output.
+    pub members: Vec<MemberDemand>,
+    /// Control word.
+    pub control: u16,
+    /// Heartbeat.
+    pub beat: Beat,
+    /// The gateway is about to end: the strobe drops, and nothing is waited for.
+    pub is_leaving: bool,
+}
+
+/// Demand on one output of a set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MemberDemand {
+    /// Demand on the output.
+    pub demand: Demand,
+    /// A value that was sent before may be sent once more until then. `None` if the axis decides nothing.
+    pub again_until: Option<Moment>,
+}
+
+/// What the heartbeat of a set does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Beat {
+    /// Nothing is sent for its sake: no axis was armed yet, and in a dry run.
+    #[default]
+    Silent,
+    /// The same count is sent: the axes were not stepped in time.
+    Stands,
+    /// Each request has the next count.
+    Counts,
+}
+
+/// Words of a set that are no value of an output.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct OwnWords {
+    /// Number of the set.
+    pub number: Option<u16>,
+    /// Count of the heartbeat.
+    pub beat: u16,
+    /// Control word.
+    pub control: u16,
+}
+
+/// Value of one output in a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SetValue {
+    /// Another value than the register holds.
+    New(Counts),
+    /// The register value, as it was just read.
+    AsRead(Counts),
+}
+
+impl SetValue {
+    /// The value in counts.
+    pub fn counts(self) -> Counts {
+        match self {
+            SetValue::New(value) | SetValue::AsRead(value) => value,
+        }
+    }
+}
+
+/// Input of the controller of a set.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub enum SetInput {
+    /// The turn of the set begins.
+    Demand(SetDemand),
+    /// The computer has stood still.
+    Paused,
+    /// The disk or the control has answered one of the outputs.
+    Member {
+        /// Place of the output in the set.
+        place: usize,
+        /// Answer.
+        answer: OutputAnswer,
+    },
+    /// The disk has not answered. The next turn asks again.
+    DiskNotYet,
+    /// The registers were read.
+    Read {
+        /// Value of each output.
+        values: Vec<Counts>,
+        /// Number of the set.
+        number: Option<u16>,
+        /// Count of the heartbeat.
+        beat: Option<u16>,
+        /// When the read was asked.
+        asked: Moment,
+    },
+    /// The read was not answered.
+    NoAnswer,
+    /// Result of the write of the values, or of heartbeat and control word alone.
+    Sent {
+        /// Result.
+        result: WriteResult,
+        /// When the last byte had left.
+        left: Moment,
+    },
+    /// The control would take a value for another one: nothing was sent.
+    NotAdmitted,
+    /// Result of a write of the strobe.
+    Strobe(StrobeResult),
+    /// The acknowledge was read. `None`: the read was not answered.
+    Acknowledge(Option<bool>),
+    /// The turn of the set ends.
+    TurnEnds,
+}
+
+/// Answer of the disk or of the control to one output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum OutputAnswer {
+    /// The promise is on disk.
+    OnDisk,
+    /// Nothing need be on disk.
+    Kept,
+    /// The disk does not keep it.
+    NotKept,
+    /// The control said what it applies, in thousandths of a count. `None` if the value is no number.
+    Applied(Option<i64>, Moment),
+    /// The control did not say what it applies.
+    AppliedNoAnswer(Moment),
+}
+
+impl OutputAnswer {
+    /// Answer as an input of the controller of the output.
+    pub fn input(self) -> Input {
+        match self {
+            OutputAnswer::OnDisk => Input::OnDisk,
+            OutputAnswer::Kept => Input::Fact(Fact::Kept),
+            OutputAnswer::NotKept => Input::Fact(Fact::NotKept),
+            OutputAnswer::Applied(found, asked) => Input::Applied { found, asked },
+            OutputAnswer::AppliedNoAnswer(asked) => Input::AppliedNoAnswer { asked },
+        }
+    }
+}
+
+/// Result of a write.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum WriteResult {
+    /// Answered as done.
+    Done,
+    /// Not answered, or carried out in part.
+    Unknown,
+    /// Refused by the device.
+    Refused,
+    /// Not sent: its last moment had passed.
+    TooLate,
+    /// Not sent.
+    NotSent,
+    /// Not sent: the device could not be reached.
+    Unreachable,
+    /// Not sent: the request cannot be made.
+    Rejected,
+}
+
+impl WriteResult {
+    /// Returns whether the request may have arrived.
+    pub(super) fn may_have_arrived(self) -> bool {
+        matches!(self, WriteResult::Done | WriteResult::Unknown)
+    }
+
+    /// Result as an input of the controller of an output whose value was to change or to be repeated.
+    pub fn input(self, left: Moment) -> Input {
+        match self {
+            WriteResult::Done => Input::Fact(Fact::Done { left }),
+            WriteResult::Unknown => Input::Fact(Fact::Unknown { left }),
+            WriteResult::Refused => Input::Fact(Fact::Refused),
+            WriteResult::TooLate => Input::NotSent(NotSent::TooLate),
+            WriteResult::NotSent => Input::Fact(Fact::NotSent),
+            WriteResult::Unreachable => Input::NotSent(NotSent::Unreachable),
+            WriteResult::Rejected => Input::NotSent(NotSent::Rejected),
+        }
+    }
+}
+
+/// Result of a write of the strobe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StrobeResult {
+    /// Answered as done.
+    Done,
+    /// Not carried out.
+    NotDone,
+    /// Not answered.
+    Unknown,
+}
+
+/// Next exchange of a set.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SetAction {
+    /// Nothing, until then.
+    Nothing {
+        /// When the set is to be called again.
+        until: Moment,
+    },
+    /// Put the promise of the output at this place on disk.
+    Keep(usize),
+    /// Read all registers of the set.
+    Read,
+    /// Write all registers of the set.
+    Write {
+        /// Value of each output.
+        values: Vec<SetValue>,
+        /// Words that are no value of an output.
+        own: OwnWords,
+        /// Last moment for the first byte.
+        not_after: Moment,
+    },
+    /// Write heartbeat and control word alone.
+    WriteOwn(OwnWords),
+    /// Read the acknowledge.
+    Acknowledge,
+    /// Raise the strobe.
+    Raise,
+    /// Drop the strobe.
+    Drop,
+}
+
+impl SetAction {
+    /// Name of the action in a log.
+    pub const fn name(&self) -> &'static str {
+        match self {
+            SetAction::Nothing { .. } => "nothing",
+            SetAction::Keep(_) => "keep",
+            SetAction::Read => "read",
+            SetAction::Write { .. } => "write",
+            SetAction::WriteOwn(_) => "write-own",
+            SetAction::Acknowledge => "acknowledge",
+            SetAction::Raise => "raise",
+            SetAction::Drop => "drop",
+        }
+    }
+}
+
+/// Count of a heartbeat after this one. It stays below the sign of its register.
+pub(super) fn next_beat(beat: u16) -> u16 {
+    if beat >= 32767 { 0 } else { beat + 1 }
+}
+
+shifted!(MemberDemand: demand, again_until);
+shifted!(SetDemand: members);
+
+impl Shifted for SetInput {
+    fn shift(&mut self, by: Shift) {
+        match self {
+            SetInput::Demand(demand) => demand.shift(by),
+            SetInput::Read { asked, .. } => asked.shift(by),
+            SetInput::Sent { left, .. } => left.shift(by),
+            SetInput::Member { answer, .. } => match answer {
+                OutputAnswer::Applied(_, asked) | OutputAnswer::AppliedNoAnswer(asked) => asked.shift(by),
+                OutputAnswer::OnDisk | OutputAnswer::Kept | OutputAnswer::NotKept => {}
+            },
+            SetInput::Paused
+            | SetInput::DiskNotYet
+            | SetInput::NoAnswer
+            | SetInput::NotAdmitted
+            | SetInput::Strobe(_)
+            | SetInput::Acknowledge(_)
+            | SetInput::TurnEnds => {}
+        }
+    }
+}
+
+impl Shifted for SetAction {
+    fn shift(&mut self, by: Shift) {
+        match self {
+            SetAction::Nothing { until: moment } | SetAction::Write { not_after: moment, .. } => {
+                moment.shift(by)
+            }
+            SetAction::Keep(_)
+            | SetAction::Read
+            | SetAction::WriteOwn(_)
+            | SetAction::Acknowledge
+            | SetAction::Raise
+            | SetAction::Drop => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_heartbeat_starts_again_below_the_sign() {
+        assert_eq!((next_beat(0), next_beat(32766), next_beat(32767)), (1, 32767, 0));
+    }
+}

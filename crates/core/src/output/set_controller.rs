@@ -1,0 +1,595 @@
+//! Controller of a set: outputs that are read as one, written as one and taken as one ([`Transaction`]).
+//!
+//! Whenever one output is to be written, all of them are: the others with what was just read. So heartbeat and control word of the set
+//! continue in every state. Only if another client writes to a register of the set in that very moment, its value is lost.
+//!
+//! ```text
+//! Demand ─► handshake of an earlier turn ─► Keep… ─► acknowledge down? ─► Read ─► Keep… ─► Write ─► Read ─► Keep…
+//!                                                                                                      │
+//!                                         TurnEnds ◄─ taken ◄─ acknowledge ◄─ Raise ◄──────────────────┘
+//! ```
+//!
+//! The caller executes each action and gives its result. While the control takes its time, the turn ends, and the next one continues
+//! with the handshake.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::controller::Controller;
+use super::demand::{Input, SetCommit};
+use super::handshake::HandshakeFault;
+use super::numbers::Attempt;
+use super::set::{
+    Beat, ControlWord, OutputAnswer, OwnWords, SetAction, SetDemand, SetInput, SetSettings, SetWords,
+    StrobeResult, WriteResult, next_beat,
+};
+use super::set_members::{Choice, SetMembers};
+use super::set_phase::{After, Dropped, Phase, Promised, Reason, Then};
+use super::strobe::{Awaited, Heard, Strobe, StrobeLevel};
+use super::transaction::Transaction;
+use super::{Action, Fact};
+use crate::quantity::{Counts, Moment, Shift, Shifted};
+
+/// After a failure the set is tried again after this time at the earliest.
+const RETRY: Duration = Duration::from_secs(1);
+
+/// Controller of a set.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct SetController {
+    members: SetMembers,
+    transaction: Transaction,
+    strobe: Strobe,
+    demand: SetDemand,
+    phase: Phase,
+    /// Values of the last read.
+    found: Vec<Counts>,
+    /// Restarts of the control so far.
+    restarts: u64,
+    /// Count of the heartbeat in its register.
+    beat: u16,
+    /// Control word in its register, if that is known.
+    control: Option<u16>,
+    /// The control word may say that every axis is armed.
+    may_say_enabled: bool,
+    written_at: Moment,
+    /// Nothing is sent for its own sake before this.
+    tries_from: Moment,
+    #[serde(skip)]
+    faults: Vec<HandshakeFault>,
+}
+
+impl SetController {
+    /// Controller of a set at a start. `was_in_order`: the last run ended in order, and no task of this run was interrupted.
+    pub fn new(
+        settings: &SetSettings,
+        members: Vec<Controller>,
+        (strobe, was_in_order): (Strobe, bool),
+        now: Moment,
+    ) -> SetController {
+        let (transaction, commit) = Transaction::new(settings.taking, settings.has_number, was_in_order);
+        let mut set = SetController {
+            members: SetMembers::new(members),
+            transaction,
+            strobe,
+            demand: SetDemand::default(),
+            phase: Phase::Rest,
+            found: Vec::new(),
+            restarts: 0,
+            beat: 0,
+            control: None,
+            may_say_enabled: false,
+            written_at: Moment::default(),
+            tries_from: now,
+            faults: Vec::new(),
+        };
+        set.members.commit(settings, commit, now);
+        set
+    }
+
+    /// Controllers of the outputs.
+    pub fn members(&self) -> &[Controller] {
+        self.members.controllers()
+    }
+
+    /// Controllers of the outputs, for their events and the end of a run.
+    pub fn members_mut(&mut self) -> &mut [Controller] {
+        self.members.controllers_mut()
+    }
+
+    /// Strobe and acknowledge.
+    pub fn strobe(&self) -> &Strobe {
+        &self.strobe
+    }
+
+    /// Failures of the handshake since this was last called.
+    pub fn take_faults(&mut self) -> Vec<HandshakeFault> {
+        std::mem::take(&mut self.faults)
+    }
+
+    /// Returns whether the control may not have taken what the registers hold.
+    pub fn is_bound(&self) -> bool {
+        self.members.is_bound()
+    }
+
+    /// Returns whether the control word may say that every axis is armed.
+    pub fn may_say_enabled(&self) -> bool {
+        self.may_say_enabled
+    }
+
+    /// Returns whether the turn of an output came too late for the last decision.
+    pub fn is_late(&self) -> bool {
+        self.members.is_late()
+    }
+
+    /// Takes an input and returns the exchange that it asks for.
+    pub fn step(&mut self, settings: &SetSettings, input: &SetInput, now: Moment) -> SetAction {
+        match input {
+            SetInput::Demand(demand) => self.begin_turn(demand),
+            SetInput::Paused => self.members.each(settings, |_| Some(Fact::Paused.into()), now),
+            SetInput::Member { place, answer } => self.answer(settings, *place, *answer, now),
+            SetInput::DiskNotYet => self.disk_not_yet(settings, now),
+            SetInput::Read { values, number, beat, asked } => {
+                self.beat = beat.unwrap_or(self.beat);
+                self.read(settings, (values, *number, *asked), now);
+            }
+            SetInput::NoAnswer => self.no_answer(settings, now),
+            SetInput::Sent { result, left } => self.sent(settings, *result, *left),
+            SetInput::NotAdmitted => self.give_up(settings, now),
+            SetInput::Strobe(result) => self.strobe_written(settings, *result, now),
+            SetInput::Acknowledge(Some(is_up)) => self.acknowledge(settings, *is_up, now),
+            SetInput::Acknowledge(None) => self.acknowledge_not_read(settings, now),
+            SetInput::TurnEnds => self.end_turn(settings, now),
+        }
+        self.next(settings, now)
+    }
+
+    fn begin_turn(&mut self, demand: &SetDemand) {
+        self.demand.clone_from(demand);
+        if demand.is_leaving {
+            self.strobe.leaves();
+        }
+        self.phase = Phase::Handshake;
+    }
+
+    /// Ends the turn. While the set waits for its control, no turn of an output ends.
+    fn end_turn(&mut self, settings: &SetSettings, now: Moment) {
+        self.phase = Phase::Rest;
+        if self.strobe.awaits().is_none() {
+            self.members.each(settings, |_| Some(Input::TurnEnds), now);
+        }
+    }
+
+    /// Decides until there is an exchange, or nothing more to do.
+    fn next(&mut self, settings: &SetSettings, now: Moment) -> SetAction {
+        loop {
+            match &self.phase {
+                Phase::Rest => return SetAction::Nothing { until: self.due(settings, now) },
+                Phase::Handshake => self.resume_handshake(now),
+                Phase::Ask(_) => return SetAction::Acknowledge,
+                Phase::Drop(_) => return SetAction::Drop,
+                Phase::Raise => return SetAction::Raise,
+                Phase::Demand => self.demand(settings, now),
+                Phase::Keep(from, then) => {
+                    let Some(place) = self.members.keeps(*from) else {
+                        self.phase = then.phase();
+                        continue;
+                    };
+                    self.phase = Phase::Keep(place, *then);
+                    return SetAction::Keep(place);
+                }
+                Phase::Decide => self.decide(settings, now),
+                Phase::Clear(reason) => self.clear(settings, *reason, now),
+                Phase::Read(_) => return SetAction::Read,
+                Phase::Judge(reason) => self.judge(settings, *reason, now),
+                Phase::GoAlong { .. } => {
+                    if let Some(place) = self.go_along(settings, now) {
+                        return SetAction::Keep(place);
+                    }
+                }
+                Phase::Write { values, own, not_after } => {
+                    return SetAction::Write { values: values.clone(), own: *own, not_after: *not_after };
+                }
+                Phase::WriteOwn(own) => return SetAction::WriteOwn(*own),
+                Phase::Confirm => self.confirm(settings, now),
+            }
+        }
+    }
+
+    // ---- the disk -----------------------------------------------------------------------------------------------
+
+    fn answer(&mut self, settings: &SetSettings, place: usize, answer: OutputAnswer, now: Moment) {
+        self.members.give(settings, place, answer.input(), now);
+        match &mut self.phase {
+            Phase::Keep(from, _) => *from = place + 1,
+            Phase::GoAlong { promise, .. } => *promise = Promised::Asked,
+            _ => {}
+        }
+    }
+
+    fn disk_not_yet(&mut self, settings: &SetSettings, now: Moment) {
+        match &mut self.phase {
+            Phase::Keep(from, _) => *from += 1,
+            Phase::GoAlong { .. } => self.give_up(settings, now),
+            _ => {}
+        }
+    }
+
+    // ---- the handshake ------------------------------------------------------------------------------------------
+
+    /// Continues the handshake of an earlier turn. A strobe that is still up is dropped.
+    fn resume_handshake(&mut self, now: Moment) {
+        self.phase = match self.strobe.asks() {
+            Some(ask) if now < ask => Phase::Rest,
+            Some(_) => Phase::Ask(After::Begin),
+            None if self.strobe.level() != StrobeLevel::Up => Phase::Demand,
+            None if now >= self.tries_from || self.demand.is_leaving => Phase::Drop(Dropped::Left),
+            None => Phase::Rest,
+        };
+    }
+
+    /// Waits until the acknowledge is down, so that the next one answers the next strobe.
+    fn clear(&mut self, settings: &SetSettings, reason: Reason, now: Moment) {
+        let Some(timeout) = settings.timeout.filter(|_| !self.demand.is_leaving) else {
+            self.phase = Phase::Read(Then::Judge(reason));
+            return;
+        };
+        if self.strobe.level() == StrobeLevel::Unknown {
+            self.phase = Phase::Drop(Dropped::Clear(reason));
+        } else {
+            self.strobe.wait_for(Awaited::Clear, timeout, now);
+            self.phase = Phase::Ask(After::Clear(reason));
+        }
+    }
+
+    fn strobe_written(&mut self, settings: &SetSettings, result: StrobeResult, now: Moment) {
+        let timeout = settings.timeout.unwrap_or_default();
+        match (&self.phase, result) {
+            (Phase::Raise, StrobeResult::Done) => {
+                self.strobe.wait_for(Awaited::Acknowledge, timeout, now);
+                self.phase = Phase::Ask(After::End);
+            }
+            (Phase::Raise, StrobeResult::NotDone) => {
+                self.strobe.drops();
+                self.fail(settings, HandshakeFault::StrobeNotWritten, now);
+            }
+            (Phase::Raise, StrobeResult::Unknown) => {
+                self.strobe.may_rise_until(now.after(late(settings)));
+                self.fail(settings, HandshakeFault::StrobeNotWritten, now);
+            }
+            (Phase::Drop(why), StrobeResult::Done) => {
+                let why = *why;
+                self.strobe.drops();
+                match why {
+                    Dropped::Left => self.phase = Phase::Handshake,
+                    Dropped::Clear(reason) => self.phase = Phase::Clear(reason),
+                    Dropped::Acknowledged(after) => {
+                        self.strobe.wait_for(Awaited::Release, timeout, now);
+                        self.phase = Phase::Ask(after);
+                    }
+                    Dropped::Failed(fault) => self.fail(settings, fault, now),
+                }
+            }
+            (Phase::Drop(_), _) => {
+                // If the strobe cannot even be dropped, that is the fault.
+                self.report(HandshakeFault::StrobeNotDropped);
+                self.doubt(settings, now);
+            }
+            _ => {}
+        }
+    }
+
+    fn acknowledge(&mut self, settings: &SetSettings, is_up: bool, now: Moment) {
+        let Phase::Ask(after) = self.phase else { return };
+        match self.strobe.hears(is_up, now) {
+            None | Some(Heard::NotYet) => self.phase = Phase::Rest,
+            Some(Heard::There(Awaited::Clear)) => {
+                self.phase = match after {
+                    After::Clear(reason) => Phase::Read(Then::Judge(reason)),
+                    After::Raise => return self.raise(),
+                    After::Begin | After::End => Phase::Handshake,
+                }
+            }
+            Some(Heard::There(Awaited::Acknowledge)) => {
+                self.transaction.attempt(Attempt::Acknowledged);
+                self.phase = Phase::Drop(Dropped::Acknowledged(after));
+            }
+            Some(Heard::There(Awaited::Release)) => {
+                self.taken(settings, now);
+                self.phase = if after == After::End { Phase::Rest } else { Phase::Handshake };
+            }
+            Some(Heard::Missing(what)) => {
+                if what == Awaited::Acknowledge {
+                    self.transaction.attempt(Attempt::Refused);
+                }
+                self.fail(settings, what.fault(), now);
+            }
+        }
+    }
+
+    fn acknowledge_not_read(&mut self, settings: &SetSettings, now: Moment) {
+        if self.strobe.awaits() == Some(Awaited::Acknowledge) {
+            self.transaction.attempt(Attempt::Unknown);
+        }
+        self.fail(settings, HandshakeFault::AcknowledgeNotRead, now);
+    }
+
+    /// The handshake has failed. First of all the strobe drops. Then the failure is reported.
+    fn fail(&mut self, settings: &SetSettings, fault: HandshakeFault, now: Moment) {
+        self.strobe.waits_no_more();
+        if self.strobe.level() == StrobeLevel::Up {
+            self.phase = Phase::Drop(Dropped::Failed(fault));
+            return;
+        }
+        self.report(fault);
+        self.doubt(settings, now);
+    }
+
+    fn report(&mut self, fault: HandshakeFault) {
+        if self.strobe.fails(fault) {
+            self.faults.push(fault);
+        }
+    }
+
+    /// The control has not taken what was sent, or that is not known.
+    fn doubt(&mut self, settings: &SetSettings, now: Moment) {
+        self.tries_from = now.after(RETRY);
+        self.transaction.doubt();
+        let failed = Input::Set(SetCommit::Failed);
+        self.members.each(settings, |one| one.is_driven().then_some(failed), now);
+        self.phase = Phase::Rest;
+    }
+
+    /// The control has taken what the registers hold.
+    fn taken(&mut self, settings: &SetSettings, now: Moment) {
+        self.strobe.succeeded();
+        if self.transaction.is_taken() {
+            self.members.each(settings, |_| Some(Input::Set(SetCommit::Taken)), now);
+        }
+    }
+
+    // ---- the values ---------------------------------------------------------------------------------------------
+
+    fn demand(&mut self, settings: &SetSettings, now: Moment) {
+        let demands = self.demand.members.iter().map(|member| member.demand);
+        let restarts = demands.clone().map(|demand| demand.restarts).max().unwrap_or_default();
+        if std::mem::replace(&mut self.restarts, restarts) != restarts {
+            self.transaction.forget_number();
+        }
+        self.members.demand(settings, demands, now);
+        self.phase = Phase::Keep(0, Then::Decide);
+    }
+
+    fn decide(&mut self, settings: &SetSettings, now: Moment) {
+        // A write that is asked for now follows a read of another turn.
+        self.members.give_up_writing(settings, now);
+        self.members.demand_again(settings, &mut self.transaction, &self.demand, now);
+        let reason = if self.sends_anyway(settings, now) {
+            Some(Reason::Send)
+        } else if self.members.may_write(settings, now) {
+            Some(Reason::Change)
+        } else {
+            self.members.is_reading().then_some(Reason::Look)
+        };
+        self.phase = match reason {
+            None => Phase::Rest,
+            Some(Reason::Look) => Phase::Read(Then::Judge(Reason::Look)),
+            Some(reason) => Phase::Clear(reason),
+        };
+    }
+
+    /// Returns whether the set is to be sent, although no output is to be written: because it is refreshed, because its control word
+    /// changes, or because the control has not taken what the registers hold.
+    fn sends_anyway(&self, settings: &SetSettings, now: Moment) -> bool {
+        if now < self.tries_from {
+            return false;
+        }
+        let has_words = settings.words != SetWords::None && self.demand.beat != Beat::Silent;
+        let is_driven = self.members.is_driven();
+        let is_due = self.refreshes(settings).is_some_and(|refresh| now >= refresh);
+        let is_untaken = self.is_bound() && (has_words || self.members.is_settled());
+        (has_words && (is_due || self.has_news(settings))) || (is_driven && (is_due || is_untaken))
+    }
+
+    fn has_news(&self, settings: &SetSettings) -> bool {
+        settings.words.has_control() && self.control != Some(self.demand.control)
+    }
+
+    /// When the set is to be sent again, although nothing is to change.
+    fn refreshes(&self, settings: &SetSettings) -> Option<Moment> {
+        settings.refresh.map(|refresh| self.written_at.after(refresh))
+    }
+
+    fn read(
+        &mut self,
+        settings: &SetSettings,
+        (values, number, asked): (&[Counts], Option<u16>, Moment),
+        now: Moment,
+    ) {
+        let Phase::Read(then) = self.phase else { return };
+        self.members.read(settings, (values, asked), now);
+        self.found = values.to_vec();
+        if let Some(commit) = self.transaction.read(number, values, late(settings), now) {
+            self.members.commit(settings, commit, now);
+        }
+        self.phase = Phase::Keep(0, then);
+    }
+
+    fn no_answer(&mut self, settings: &SetSettings, now: Moment) {
+        let is_reading = |one: &Controller| one.action() == Action::Read;
+        self.members.each(settings, |one| is_reading(one).then_some(Fact::NoAnswer.into()), now);
+        if self.phase != Phase::Read(Then::Confirm) {
+            self.tries_from = now.after(RETRY);
+        }
+        self.phase = Phase::Rest;
+    }
+
+    fn judge(&mut self, settings: &SetSettings, reason: Reason, now: Moment) {
+        self.members.wait_for_each_other(settings, now);
+        let is_due = self.members.is_writing() || reason == Reason::Send;
+        // For a look nobody has asked whether the acknowledge is down: the next turn does.
+        if !is_due || (reason == Reason::Look && settings.timeout.is_some()) {
+            self.phase = Phase::Rest;
+            return;
+        }
+        // Nothing is begun that would be given up: the next attempt would wait for it.
+        let next = self.members.next_values(&self.found);
+        if self.transaction.is_whole(&self.members.views(settings), &next) {
+            let promise = Promised::NotAsked;
+            self.phase = Phase::GoAlong { values: Vec::new(), not_after: Moment::END, promise };
+        } else {
+            self.give_up(settings, now);
+        }
+    }
+
+    /// Chooses the value of the next output. Returns its place, if its promise must be on disk first.
+    fn go_along(&mut self, settings: &SetSettings, now: Moment) -> Option<usize> {
+        let Phase::GoAlong { values, not_after, promise } = &mut self.phase else { return None };
+        let place = values.len();
+        let Some(found) = self.found.get(place).copied() else {
+            self.go(settings);
+            return None;
+        };
+        let may_keep = *promise == Promised::NotAsked;
+        match self.members.choose(settings, place, (found, may_keep), now) {
+            Choice::KeepsFirst => return Some(place),
+            Choice::Value(value, last) => {
+                values.push(value);
+                (*not_after, *promise) = ((*not_after).min(last), Promised::NotAsked);
+            }
+            Choice::Nothing => self.give_up(settings, now),
+        }
+        None
+    }
+
+    fn go(&mut self, settings: &SetSettings) {
+        let own = self.own(settings);
+        if let Phase::GoAlong { values, not_after, .. } = &mut self.phase {
+            self.phase = Phase::Write { values: std::mem::take(values), own, not_after: *not_after };
+        }
+    }
+
+    fn own(&self, settings: &SetSettings) -> OwnWords {
+        let number = settings.has_number.then(|| self.transaction.next_number());
+        let beat = if self.demand.beat == Beat::Counts { next_beat(self.beat) } else { self.beat };
+        OwnWords { number, beat, control: self.demand.control }
+    }
+
+    /// Gives up what the outputs are to be written. While a late write forbids them, heartbeat and control word continue without them.
+    /// Not in a set whose control takes all of it or nothing: there they wait, too.
+    fn give_up(&mut self, settings: &SetSettings, now: Moment) {
+        self.members.give_up_writing(settings, now);
+        let is_due =
+            self.refreshes(settings).is_some_and(|refresh| now >= refresh) || self.has_news(settings);
+        if settings.words.can_leave_alone() && self.demand.beat != Beat::Silent && is_due {
+            self.phase = Phase::WriteOwn(self.own(settings));
+        } else {
+            self.put_off(settings, now);
+        }
+    }
+
+    /// The set is tried again later, but not later than it is refreshed.
+    fn put_off(&mut self, settings: &SetSettings, now: Moment) {
+        let refresh = self.refreshes(settings).filter(|refresh| *refresh > now);
+        self.tries_from = now.after(RETRY).min(refresh.unwrap_or(Moment::END));
+        self.phase = Phase::Rest;
+    }
+
+    fn sent(&mut self, settings: &SetSettings, result: WriteResult, left: Moment) {
+        match std::mem::take(&mut self.phase) {
+            Phase::Write { values, own, .. } => {
+                self.members.sent(settings, &values, result, left);
+                self.words_sent(own, result, left);
+                let is_done = result == WriteResult::Done;
+                if result.may_have_arrived() {
+                    let values = values.iter().map(|value| value.counts()).collect();
+                    if let Some(commit) = self.transaction.sends(own.number, values, is_done) {
+                        self.members.commit(settings, commit, left);
+                    }
+                }
+                if is_done {
+                    self.phase = Phase::Read(Then::Confirm);
+                } else {
+                    self.tries_from = left.after(RETRY);
+                }
+            }
+            Phase::WriteOwn(own) => {
+                self.words_sent(own, result, left);
+                self.put_off(settings, left);
+            }
+            phase => self.phase = phase,
+        }
+    }
+
+    fn words_sent(&mut self, own: OwnWords, result: WriteResult, left: Moment) {
+        if result.may_have_arrived() {
+            let is_done = result == WriteResult::Done;
+            (self.beat, self.written_at) = (own.beat, left);
+            self.control = is_done.then_some(own.control);
+            let says_enabled = own.control & ControlWord::ENABLE != 0;
+            self.may_say_enabled = says_enabled || (self.may_say_enabled && !is_done);
+        }
+    }
+
+    /// The registers were read after the write. If they hold what was sent, the control takes it.
+    fn confirm(&mut self, settings: &SetSettings, now: Moment) {
+        self.phase = Phase::Rest;
+        if !self.transaction.is_sent(&self.found) || self.demand.is_leaving {
+            return;
+        }
+        match settings.timeout {
+            None => self.taken(settings, now),
+            Some(timeout) if self.strobe.may_rise(now) => {
+                self.strobe.wait_for(Awaited::Clear, timeout, now);
+                self.phase = Phase::Ask(After::Raise);
+            }
+            Some(_) => self.raise(),
+        }
+    }
+
+    fn raise(&mut self) {
+        self.strobe.rises();
+        self.phase = Phase::Raise;
+    }
+
+    /// When the set is to be called again. Apart from an acknowledge that it waits for: [`Strobe::asks`].
+    fn due(&self, settings: &SetSettings, now: Moment) -> Moment {
+        let is_unfinished = self.strobe.level() == StrobeLevel::Up || self.is_bound();
+        let tries = is_unfinished.then_some(self.tries_from.max(now));
+        let refreshes = self.refreshes(settings).map(|at| at.max(self.tries_from));
+        [self.members.wakes(now), tries, refreshes].into_iter().flatten().min().unwrap_or(Moment::END)
+    }
+
+    /// Moves every moment by `to`, and leaves out the events. The controller is to be called again at `now` at the earliest.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn moved(&self, to: impl Fn(Moment) -> Moment, now: Moment) -> SetController {
+        SetController {
+            members: self.members.moved(&to, now),
+            strobe: self.strobe.moved(&to),
+            transaction: self.transaction.moved(&to),
+            written_at: to(self.written_at),
+            tries_from: to(self.tries_from),
+            demand: SetDemand::default(),
+            faults: Vec::new(),
+            ..self.clone()
+        }
+    }
+}
+
+impl Shifted for SetController {
+    fn shift(&mut self, by: Shift) {
+        self.members.shift(by);
+        self.transaction.shift(by);
+        self.strobe.shift(by);
+        self.demand.shift(by);
+        self.phase.shift(by);
+        self.written_at.shift(by);
+        self.tries_from.shift(by);
+    }
+}
+
+/// Longest time for which a write of the set can be late.
+fn late(settings: &SetSettings) -> Duration {
+    settings.members.iter().map(|member| member.late).max().unwrap_or_default()
+}

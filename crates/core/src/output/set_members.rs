@@ -1,0 +1,282 @@
+//! Outputs of a set, as the set sees them together.
+
+use serde::{Deserialize, Serialize};
+
+use super::controller::Controller;
+use super::demand::{Demand, Input, SetCommit};
+use super::follow::Follow;
+use super::set::{SetDemand, SetSettings, SetValue, WriteResult};
+use super::settings::Settings;
+use super::transaction::{Member, Transaction};
+use super::{Action, Fact};
+use crate::quantity::{Counts, Moment, Shift, Shifted};
+
+/// Controllers of the outputs of a set.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(transparent)]
+pub(super) struct SetMembers {
+    controllers: Vec<Controller>,
+}
+
+/// Value that an output has in the next request.
+pub(super) enum Choice {
+    /// This value, until the moment.
+    Value(SetValue, Moment),
+    /// The output puts its promise on disk first.
+    KeepsFirst,
+    /// The output may not be written now.
+    Nothing,
+}
+
+impl SetMembers {
+    pub(super) fn new(controllers: Vec<Controller>) -> SetMembers {
+        SetMembers { controllers }
+    }
+
+    pub(super) fn controllers(&self) -> &[Controller] {
+        &self.controllers
+    }
+
+    pub(super) fn controllers_mut(&mut self) -> &mut [Controller] {
+        &mut self.controllers
+    }
+
+    fn with<'a>(&'a self, settings: &'a SetSettings) -> impl Iterator<Item = (&'a Controller, &'a Settings)> {
+        self.controllers.iter().zip(&settings.members)
+    }
+
+    fn with_mut<'a>(
+        &'a mut self,
+        settings: &'a SetSettings,
+    ) -> impl Iterator<Item = (&'a mut Controller, &'a Settings)> {
+        self.controllers.iter_mut().zip(&settings.members)
+    }
+
+    /// Gives the output at this place an input.
+    pub(super) fn give(
+        &mut self,
+        settings: &SetSettings,
+        place: usize,
+        input: impl Into<Input>,
+        now: Moment,
+    ) {
+        if let Some((controller, settings)) = self.with_mut(settings).nth(place) {
+            controller.step(settings, input.into(), now);
+        }
+    }
+
+    /// Gives each output the input that `input` returns for it.
+    pub(super) fn each(
+        &mut self,
+        settings: &SetSettings,
+        input: impl Fn(&Controller) -> Option<Input>,
+        now: Moment,
+    ) {
+        for (controller, settings) in self.with_mut(settings) {
+            if let Some(input) = input(controller) {
+                controller.step(settings, input, now);
+            }
+        }
+    }
+
+    /// Gives the outputs their demands.
+    pub(super) fn demand(
+        &mut self,
+        settings: &SetSettings,
+        demands: impl Iterator<Item = Demand>,
+        now: Moment,
+    ) {
+        for ((controller, settings), demand) in self.with_mut(settings).zip(demands) {
+            controller.step(settings, Input::Demand(demand), now);
+        }
+    }
+
+    /// Demands once more what was sent before, if the registers hold it by half.
+    pub(super) fn demand_again(
+        &mut self,
+        settings: &SetSettings,
+        transaction: &mut Transaction,
+        demand: &SetDemand,
+        now: Moment,
+    ) {
+        let views = self.views(settings);
+        let until = |place: usize| demand.members.get(place).and_then(|member| member.again_until);
+        let is_missing = |place: usize, value: Counts| {
+            views.get(place).is_some_and(|view| view.is_driven && value != view.held)
+        };
+        let can_be = |place: usize, value: Counts| {
+            let step = settings.members.get(place).map_or(Counts::ZERO, |settings| settings.step);
+            let is_near =
+                views.get(place).is_some_and(|view| value.abs_diff(view.held) <= step.unsigned_abs());
+            !is_missing(place, value) || (is_near && until(place).is_some_and(|until| now <= until))
+        };
+        let Some(values) = transaction.demanded_again(&views, can_be) else { return };
+        for (place, (controller, settings)) in self.with_mut(settings).enumerate() {
+            if let Some(value) = values.get(place).copied().filter(|value| is_missing(place, *value)) {
+                let (offset, not_after) = (value - settings.bias, until(place).unwrap_or_default());
+                controller.step(settings, Fact::Decided { offset, target: None, not_after }.into(), now);
+            }
+        }
+    }
+
+    pub(super) fn action(&self, place: usize) -> Action {
+        self.controllers.get(place).map_or(Action::Nothing { until: Moment::END }, Controller::action)
+    }
+
+    /// Place of the first output from `from` on that puts its promise on disk.
+    pub(super) fn keeps(&self, from: usize) -> Option<usize> {
+        (from..self.controllers.len()).find(|place| self.action(*place) == Action::Keep)
+    }
+
+    pub(super) fn is_reading(&self) -> bool {
+        self.controllers.iter().any(|one| one.action() == Action::Read)
+    }
+
+    pub(super) fn is_writing(&self) -> bool {
+        self.controllers.iter().any(is_writing)
+    }
+
+    pub(super) fn is_bound(&self) -> bool {
+        self.controllers.iter().any(Controller::is_bound)
+    }
+
+    pub(super) fn is_driven(&self) -> bool {
+        self.controllers.iter().any(Controller::is_driven)
+    }
+
+    pub(super) fn is_settled(&self) -> bool {
+        self.controllers.iter().all(|one| one.state().is_settled())
+    }
+
+    pub(super) fn is_late(&self) -> bool {
+        self.controllers.iter().any(|one| one.follow() == Follow::Late)
+    }
+
+    /// Returns whether an output asks for a write after the next read, if that shows nothing new.
+    pub(super) fn may_write(&self, settings: &SetSettings, now: Moment) -> bool {
+        self.with(settings).any(|(controller, settings)| controller.state().may_write(settings, now))
+    }
+
+    /// When an output is to be called again.
+    pub(super) fn wakes(&self, now: Moment) -> Option<Moment> {
+        let wakes = self.controllers.iter().map(|one| match one.action() {
+            Action::Nothing { until } => until,
+            _ => now,
+        });
+        wakes.min()
+    }
+
+    /// The outputs as their transaction sees them.
+    pub(super) fn views(&self, settings: &SetSettings) -> Vec<Member> {
+        let view = |(one, settings): (&Controller, _)| Member {
+            held: one.held(settings),
+            is_driven: one.is_driven(),
+            is_bound: one.is_bound(),
+        };
+        self.with(settings).map(view).collect()
+    }
+
+    /// Gives the outputs what the control has made of the set, if that is news.
+    pub(super) fn commit(&mut self, settings: &SetSettings, commit: SetCommit, now: Moment) {
+        let is_open = commit != SetCommit::Taken;
+        self.each(settings, |one| (one.is_bound() != is_open).then_some(Input::Set(commit)), now);
+    }
+
+    pub(super) fn give_up_writing(&mut self, settings: &SetSettings, now: Moment) {
+        self.each(settings, |one| is_writing(one).then_some(Fact::NotSent.into()), now);
+    }
+
+    /// The registers were read. Behind an open interlock an output learns nothing: its control may be off, or starting.
+    pub(super) fn read(&mut self, settings: &SetSettings, (values, asked): (&[Counts], Moment), now: Moment) {
+        for ((controller, settings), found) in self.with_mut(settings).zip(values) {
+            let learns = match controller.action() {
+                Action::Read => true,
+                Action::Nothing { .. } => !controller.state().is_interlocked(),
+                Action::Keep | Action::Write { .. } => false,
+            };
+            if learns {
+                controller.step(settings, Fact::Read { found: *found, asked }.into(), now);
+            }
+        }
+    }
+
+    /// Outputs that land together move together: if a late write forbids one of them its next step, all wait.
+    pub(super) fn wait_for_each_other(&mut self, settings: &SetSettings, now: Moment) {
+        let waits = self
+            .with(settings)
+            .any(|(one, settings)| one.is_armed() && one.state().shown(settings).waits_until.is_some());
+        let is_change = |one: &Controller| matches!(one.action(), Action::Write { is_repeat: false, .. });
+        if waits {
+            self.each(settings, |one| is_change(one).then_some(Fact::NotSent.into()), now);
+        }
+    }
+
+    /// Values of the next request, if every output that is not to be written goes along.
+    pub(super) fn next_values(&self, found: &[Counts]) -> Vec<Counts> {
+        let next = self.controllers.iter().zip(found).map(|(one, found)| match one.action() {
+            Action::Write { value, is_repeat: false, .. } => value,
+            _ => *found,
+        });
+        next.collect()
+    }
+
+    /// Chooses the value of an output whose register holds `found`. If the output is not to be written, the register value goes along.
+    pub(super) fn choose(
+        &mut self,
+        settings: &SetSettings,
+        place: usize,
+        (found, may_keep): (Counts, bool),
+        now: Moment,
+    ) -> Choice {
+        let Some((one, settings)) = self.with_mut(settings).nth(place) else { return Choice::Nothing };
+        if !is_writing(one) {
+            if one.state().is_interlocked() {
+                return Choice::Value(SetValue::AsRead(found), Moment::END);
+            }
+            one.step(settings, Fact::GoesAlong.into(), now);
+        }
+        match one.action() {
+            Action::Keep if may_keep => Choice::KeepsFirst,
+            Action::Write { value, not_after, is_repeat: false } => {
+                Choice::Value(SetValue::New(value), not_after)
+            }
+            Action::Write { .. } if one.held(settings) == found => {
+                Choice::Value(SetValue::AsRead(found), Moment::END)
+            }
+            _ => Choice::Nothing,
+        }
+    }
+
+    /// The values were sent, or perhaps.
+    pub(super) fn sent(
+        &mut self,
+        settings: &SetSettings,
+        values: &[SetValue],
+        result: WriteResult,
+        left: Moment,
+    ) {
+        let is_done = result == WriteResult::Done;
+        for ((one, settings), value) in self.with_mut(settings).zip(values) {
+            if is_writing(one) {
+                one.step(settings, result.input(left), left);
+            } else if result.may_have_arrived() {
+                let fact = Fact::WentAlong { value: value.counts(), left, is_done };
+                one.step(settings, fact.into(), left);
+            }
+        }
+    }
+
+    pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment, now: Moment) -> SetMembers {
+        SetMembers { controllers: self.controllers.iter().map(|one| one.moved(&to, now)).collect() }
+    }
+}
+
+fn is_writing(one: &Controller) -> bool {
+    matches!(one.action(), Action::Write { .. })
+}
+
+impl Shifted for SetMembers {
+    fn shift(&mut self, by: Shift) {
+        self.controllers.shift(by);
+    }
+}
