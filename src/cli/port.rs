@@ -12,8 +12,11 @@ use crate::fieldbus::explain;
 use crate::observe::events::{Event, PagePort};
 use crate::observe::http::Admission;
 use crate::observe::status::Source;
+use isotherm_core::explained::Cause;
 use isotherm_profile::{PLAIN, Web, host_and_port};
 
+/// Another cause is reported when it was found so often in a row.
+const CHANGED_AFTER: u32 = 2;
 /// How often a port that is taken is tried.
 const AGAIN: Duration = Duration::from_secs(10);
 
@@ -61,7 +64,7 @@ impl Port {
 
     /// The port of a page as soon as everything can be read that it asks and shows, opened if nobody else has it.
     pub(super) async fn found(web: &Web, source: &dyn Source) -> Port {
-        let mut is_reported = false;
+        let mut reported = None;
         loop {
             let settings = web.clone();
             // A name server may be silent; commands are answered meanwhile.
@@ -69,15 +72,16 @@ impl Port {
             match read.map_err(anyhow::Error::from).flatten() {
                 Ok(mut port) => {
                     if port.open().is_ok() {
-                        port.announce(is_reported.then_some(source));
+                        port.announce(reported.map(|_| source));
                     }
                     return port;
                 }
-                Err(why) if !std::mem::replace(&mut is_reported, true) => {
+                Err(why) => {
                     let (listen, why) = (web.listen.clone(), format!("{why:#}"));
-                    source.report(&Event::Page(PagePort::Closed { listen, why }));
+                    if Cause::is_news(&mut reported, why.clone(), CHANGED_AFTER) {
+                        source.report(&Event::Page(PagePort::Closed { listen, why }));
+                    }
                 }
-                Err(_) => {}
             }
             tokio::time::sleep(AGAIN).await;
         }
@@ -132,16 +136,16 @@ impl Port {
 
     /// Its listener, as soon as there is one.
     pub(super) async fn listen(mut self, source: &dyn Source) -> std::io::Result<Opened> {
-        if let Err(why) = &self.opened {
-            let closed = PagePort::Closed { listen: self.listen.clone(), why: why.clone() };
-            source.report(&Event::Page(closed));
-            loop {
-                tokio::time::sleep(AGAIN).await;
-                if self.open().is_ok() {
-                    break;
-                }
+        let mut reported = None;
+        while let Err(why) = &self.opened {
+            if Cause::is_news(&mut reported, why.clone(), CHANGED_AFTER) {
+                let closed = PagePort::Closed { listen: self.listen.clone(), why: why.clone() };
+                source.report(&Event::Page(closed));
             }
-            self.announce(Some(source));
+            tokio::time::sleep(AGAIN).await;
+            if self.open().is_ok() {
+                self.announce(Some(source));
+            }
         }
         let listener = tokio::net::TcpListener::from_std(self.opened.map_err(Error::other)?)?;
         Ok((listener, self.admission, self.certificate))

@@ -15,7 +15,6 @@ use isotherm_core::quantity::Moment;
 mod cells;
 mod demand;
 mod failures;
-mod interlock;
 mod nodes;
 mod position;
 mod register;

@@ -56,6 +56,9 @@ pub(super) use file::StoreFile;
 pub(super) use names::{by_name, by_place};
 pub(super) use writer::{Kept, Writer};
 
+/// Another cause why something is not on disk is reported when it was found so often in a row.
+pub(super) const CHANGED_AFTER: u32 = 2;
+
 /// How events name the document.
 pub(super) const WHAT: &str = "the state";
 

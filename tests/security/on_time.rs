@@ -55,7 +55,9 @@ impl OnTime {
             let line = format!("{over:?} late at {next}, the computer {excused:?}");
             (excused_ones, most) = (excused_ones + 1, most.max(over));
             match () {
-                () if over > WITHIN + excused && excused <= BUSY => late.push(line),
+                () if over > WITHIN + excused && (excused <= BUSY || over > STOOD_STILL + excused) => {
+                    late.push(line);
+                }
                 () if over > WITHIN + excused.min(STOOD_STILL) => void.push(line),
                 () => {}
             }

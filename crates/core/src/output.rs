@@ -85,6 +85,7 @@ mod judge;
 mod kept;
 mod numbers;
 mod plan;
+mod position;
 mod reports;
 mod sequence;
 mod set;
@@ -107,6 +108,9 @@ pub use follow::{Cause, Follow, OutputHealth, Trouble};
 pub use handshake::HandshakeFault;
 pub use inside::{Inside, farthest_behind};
 pub use kept::{Account, Kept, Promise};
+pub use position::{
+    PositionAction, PositionController, PositionDecision, PositionDemand, PositionEvent, PositionResult,
+};
 pub use set::{
     Alone, Beat, ControlWord, MemberDemand, OutputAnswer, OwnWords, SetAction, SetDemand, SetInput,
     SetSettings, SetValue, SetWords, StrobeResult, WriteResult,

@@ -26,8 +26,15 @@ pub(super) struct Failures {
     cause: Option<Cause<Fault>>,
     /// Writes that failed since the last one that was answered.
     failed_writes: u64,
-    /// The last request that was a read was answered.
-    is_read: bool,
+    last_read: LastRead,
+}
+
+/// Result of the last read of a register.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum LastRead {
+    #[default]
+    NotAnswered,
+    Answered,
 }
 
 impl Failures {
@@ -40,7 +47,8 @@ impl Failures {
     ) -> Option<String> {
         self.failed_writes += u64::from(access == Access::Write);
         // A device that answers reads is not lost, and its writes are reported nowhere else.
-        let is_deaf = access == Access::Write && self.failed_writes >= DEAF && self.is_read;
+        let is_deaf = access == Access::Write && self.failed_writes >= DEAF;
+        let is_deaf = is_deaf && self.last_read == LastRead::Answered;
         let is_reported = !fault.spoils_connection() || is_deaf;
         if is_reported && self.reported.replace(access).is_none() {
             self.cause = None;
@@ -60,10 +68,10 @@ impl Failures {
                 self.reported = self.reported.filter(|access| *access != Access::Write);
             }
             Input::Fact(Fact::Read { .. }) => {
-                self.is_read = true;
+                self.last_read = LastRead::Answered;
                 self.reported = self.reported.filter(|access| *access != Access::Read);
             }
-            Input::Fact(Fact::NoAnswer) => self.is_read = false,
+            Input::Fact(Fact::NoAnswer) => self.last_read = LastRead::NotAnswered,
             _ => {}
         }
     }

@@ -1,19 +1,17 @@
-//! Corrected positions: D' = D + Cz, as soon as D has been read.
-//!
-//! The newest position goes out at once in every armed state, also while the axis holds: see [`Inside`].
+//! Corrected positions: D' = D + Cz, as soon as D has been read. [`PositionController`] decides.
 
 use std::fmt::Display;
-use std::time::Duration;
 
 use super::LineTurn;
 use super::cells::{self, Cells};
 use super::demand::{Decision, OutputDemand};
-use super::interlock::Interlock;
+use super::failures::{Access, Failures};
 use super::report;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
-use crate::fieldbus::explain::explain_on;
+use crate::fieldbus::explain::advised_on;
 use crate::fieldbus::wire::Request;
+use crate::gateway::blamed::of_an_output;
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::Standing;
 use crate::gateway::storage::Steady;
@@ -21,25 +19,21 @@ use crate::gateway::units::{cz_factor, registers_in_text};
 use crate::observe::events::Event;
 use isotherm_core::codec::{ControlView, Encoded};
 use isotherm_core::compensation::AxisState;
-use isotherm_core::output::{Condition, Inside, Trouble};
+use isotherm_core::output::{
+    Condition, Fact, Input, PositionAction, PositionController, PositionDecision, PositionDemand,
+    PositionEvent, PositionResult, Trouble,
+};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Arm, Output, OutputId, Profile, Shown, Stretch};
-
-/// How often dashes are written again.
-const DASHES_AGAIN: Duration = Duration::from_secs(10);
 
 #[derive(Debug)]
 pub(in crate::gateway) struct Position {
     id: OutputId,
     position: SignalId,
-    corrected: Moment,
-    inside: Inside,
-    /// When a display was last given dashes; `None` while it shows a value.
-    dashes_at: Option<Moment>,
-    trouble: Option<Trouble>,
+    controller: PositionController,
+    failures: Failures,
     is_saturated: bool,
-    interlock: Interlock,
     /// How its control reads what is written.
     control: Option<ControlView>,
 }
@@ -50,12 +44,9 @@ impl Position {
             id,
             position,
             control: profile.control_view(profile.output(id)),
-            corrected: Moment::default(),
-            inside: Inside::Nothing,
-            dashes_at: None,
-            trouble: None,
+            controller: PositionController::default(),
+            failures: Failures::default(),
             is_saturated: false,
-            interlock: Interlock::default(),
         }
     }
 
@@ -64,35 +55,42 @@ impl Position {
         let (shared, now) = (turn.shared, turn.now);
         let output = shared.profile.output(self.id);
         let has_dashes = output.display.stale.is_some();
-        let (taken, demand) = {
+        let (read_at, demand) = {
             let core = shared.core();
-            let taken = core.board.taken(self.position);
-            if taken == self.corrected && !has_dashes {
+            let read_at = core.board.taken(self.position);
+            if self.controller.has_corrected(read_at) && !has_dashes {
                 return;
             }
-            (taken, OutputDemand::of(shared, &core, self.id, now))
+            (read_at, OutputDemand::of(shared, &core, self.id, now))
         };
-        if has_dashes && (demand.decision == Decision::Off || demand.position.is_none()) {
+        let OutputDemand { cz, target, decided: at, interlock, position, .. } = demand;
+        let is_driven = demand.decision != Decision::Off && !shared.dry_run;
+        let asked = PositionDemand {
+            read_at,
+            is_usable: position.is_some(),
+            decision: is_driven.then_some(PositionDecision { cz, target, at }),
+            interlock,
+            backs_off: turn.line.is_resting(output.device, now),
+        };
+        // Where a person arms, the display is not ours before that.
+        let is_ours = !shared.dry_run && (shared.profile.arm == Arm::Auto || shared.core().was_armed);
+        if has_dashes && is_ours && self.controller.shows_nothing(&asked, now) {
             self.show_nothing(turn, output).await;
         }
-        if taken == self.corrected {
-            return;
-        }
-        if demand.decision == Decision::Off || shared.dry_run {
-            self.inside = Inside::Nothing;
-            self.corrected = taken;
-            return;
-        }
-        if turn.line.is_resting(output.device, now) {
-            return;
-        }
-        self.corrected = taken;
-        let Some(position) = demand.position else { return };
-        self.interlock.hear(shared, self.id, demand.interlock);
-        match demand.interlock {
-            Condition::Met => self.correct(turn, output, position, &demand).await,
-            Condition::NotMet => shared.core().outputs[self.id.0].standing = Standing::Interlocked,
-            Condition::Unknown => shared.core().outputs[self.id.0].doubt(),
+        let step = shared.profile.axis(output.axis).settings.guard.step;
+        let (action, event) = self.controller.next(&asked, step);
+        self.report(shared, output, event);
+        match (action, position) {
+            (PositionAction::Correct(cz), Some(position)) => {
+                self.correct(turn, output, (position, cz), &demand).await;
+            }
+            (PositionAction::Interlocked(Condition::Unknown), _) => {
+                shared.core().outputs[self.id.0].doubt();
+            }
+            (PositionAction::Interlocked(_), _) => {
+                shared.core().outputs[self.id.0].standing = Standing::Interlocked;
+            }
+            _ => {}
         }
     }
 
@@ -100,12 +98,10 @@ impl Position {
         &mut self,
         turn: &mut LineTurn<'_>,
         output: &Output,
-        position: f64,
+        (position, cz): (f64, Micron),
         demand: &OutputDemand,
     ) {
         let shared = turn.shared;
-        let step = shared.profile.axis(output.axis).settings.guard.step;
-        let cz = self.inside.next((demand.cz, demand.target, demand.decided), step);
         let factor = cz_factor(&shared.profile, output);
         let target = self.encode(shared, output, position + cz.get() * factor / 1000.0);
         if let Some(control) = &self.control
@@ -114,33 +110,58 @@ impl Position {
             return report::not_sent(shared, self.id, why);
         }
         let asked = turn.line.looked();
-        match write(turn, output, &target, demand.not_after).await {
-            Ok(found) if found.is_none_or(|found| found.registers() == target.registers()) => {}
-            Ok(found) => {
-                self.inside = Inside::Sent(cz);
-                return self.is_not_shown(shared, output, &target, found);
+        let sent = write(turn, output, &target, demand.not_after).await;
+        let result = match &sent {
+            Ok(found) if found.is_none_or(|found| found.registers() == target.registers()) => {
+                PositionResult::Written
             }
-            Err((fault, outcome)) => {
-                if outcome != Outcome::NotDone {
-                    self.inside = Inside::Sent(cz);
-                }
-                return self.fail(shared, output, fault);
-            }
+            Ok(_) => PositionResult::NotShown,
+            Err((fault, Outcome::NotDone)) if fault.has_lapsed() => PositionResult::Lapsed,
+            Err((fault, outcome)) => PositionResult::Failed {
+                trouble: if fault.spoils_connection() { Trouble::Link } else { Trouble::Untaken },
+                may_have_arrived: *outcome != Outcome::NotDone,
+            },
+        };
+        let event = self.controller.result((cz, demand.decided), result);
+        match (sent, result) {
+            (Ok(_), PositionResult::Written) => self.is_written(shared, output, &target, (cz, asked)),
+            (Ok(found), _) => self.is_not_shown(shared, output, (&target, found), event),
+            (Err((fault, _)), _) => self.fail(shared, output, fault),
         }
-        self.dashes_at = None;
-        self.inside = Inside::Written(cz, demand.decided);
+        self.report(shared, output, event.filter(|event| *event != PositionEvent::NotShown));
+    }
+
+    fn is_written(
+        &mut self,
+        shared: &LineHandle,
+        output: &Output,
+        target: &Encoded,
+        (cz, asked): (Micron, Moment),
+    ) {
+        self.failures.result(Input::Fact(Fact::Done { left: asked }));
         let mut core = shared.core();
         let state = &mut core.outputs[self.id.0];
-        let failures = std::mem::take(&mut state.failures);
         state.standing = Standing::Verified;
         state.writes += 1;
         state.cz = Some(cz);
         state.value = output.encoding.decode(target.registers()).ok();
         state.verified_at = Some(asked);
         core.storage.outputs.wrote(Steady::Position(self.id), Some(cz), asked);
-        if self.trouble.take() == Some(Trouble::Untaken) {
-            core.events.push(Event::Verified { output: output.name.clone(), failures });
-        }
+    }
+
+    fn report(&self, shared: &LineHandle, output: &Output, event: Option<PositionEvent>) {
+        let (name, mut core) = (output.name.clone(), shared.core());
+        let failures = match event {
+            Some(PositionEvent::Verified) => std::mem::take(&mut core.outputs[self.id.0].failures),
+            _ => 0,
+        };
+        let when = || output.when.as_ref().map_or(String::new(), |when| when.text.clone());
+        core.events.extend(event.and_then(|event| match event {
+            PositionEvent::Interlocked => Some(Event::Interlocked { output: name, when: when() }),
+            PositionEvent::Released => Some(Event::Released { output: name }),
+            PositionEvent::Verified => Some(Event::Verified { output: name, failures }),
+            PositionEvent::NotShown => None,
+        }));
     }
 
     fn encode(&mut self, shared: &LineHandle, output: &Output, value: f64) -> Encoded {
@@ -152,15 +173,15 @@ impl Position {
         encoded
     }
 
-    /// Something else is read back than was written: reported once, and tried again with the next position.
+    /// Another value was read back than was written: reported once, and tried again with the next position.
     fn is_not_shown(
         &mut self,
         shared: &LineHandle,
         output: &Output,
-        wrote: &Encoded,
-        found: Option<Encoded>,
+        (wrote, found): (&Encoded, Option<Encoded>),
+        event: Option<PositionEvent>,
     ) {
-        if self.trouble.replace(Trouble::Untaken) != Some(Trouble::Untaken) {
+        if event == Some(PositionEvent::NotShown) {
             let found = found.map_or(String::new(), |found| registers_in_text(output, found.registers()));
             let wrote = registers_in_text(output, wrote.registers());
             let (output, is_in_a_node) = (output.name.clone(), output.address.node().is_some());
@@ -174,13 +195,12 @@ impl Position {
         if fault.has_lapsed() {
             return;
         }
-        if !fault.spoils_connection() && self.trouble.is_none() {
-            let transport = shared.profile.bus(shared.profile.device(output.device).bus).transport;
-            let fault = explain_on(transport, fault);
+        let transport = shared.profile.bus(shared.profile.device(output.device).bus).transport;
+        let words = || of_an_output(&shared.profile, self.id, fault);
+        if let Some(words) = self.failures.fails(fault, Access::Write, words) {
+            let fault = advised_on(transport, fault, words);
             shared.report(&Event::WriteFailed { output: output.name.clone(), fault });
         }
-        let trouble = if fault.spoils_connection() { Trouble::Link } else { Trouble::Untaken };
-        self.trouble = self.trouble.filter(|known| *known == Trouble::Untaken).or(Some(trouble));
         self.is_unverified(shared, &fault);
     }
 
@@ -193,24 +213,16 @@ impl Position {
         state.doubt();
     }
 
-    /// Dashes instead of a number that nobody corrects any more: when that begins, and again after each pause, because a
-    /// display that was switched off and on shows something else.
+    /// Dashes instead of a number that nobody corrects any more.
     async fn show_nothing(&mut self, turn: &mut LineTurn<'_>, output: &Output) {
-        let (shared, now) = (turn.shared, turn.now);
         let Some(stale) = &output.display.stale else { return };
-        let is_fresh = self.dashes_at.is_some_and(|at| now < at.after(DASHES_AGAIN));
-        // Where a person arms, the display is not ours before that.
-        let is_ours = shared.profile.arm == Arm::Auto || shared.core().was_armed;
-        if is_fresh || shared.dry_run || !is_ours || turn.line.is_resting(output.device, now) {
-            return;
-        }
         let text = (stale.register..).zip(stale.words.iter().copied());
         let beside = output.display.beside.iter().map(|beside| (beside.register, beside.word(Shown::Fault)));
         // What fails is reported where every request fails, and tried again.
         if send(turn, output, beside.collect(), Leave::Whenever).await.is_ok()
             && send(turn, output, text.collect(), Leave::Whenever).await.is_ok()
         {
-            (self.dashes_at, self.inside) = (Some(now), Inside::Nothing);
+            self.controller.nothing_is_shown(turn.now);
         }
     }
 }

@@ -168,7 +168,7 @@ impl OutputsLog {
         let place = self.counts.0 + self.counts.1 + 1 + stepped.id.0;
         let Some(line) = self.lines.get_mut(place) else { return };
         line.begun = line.begun.filter(|begun| stepped.goes_on && *begun == stretch);
-        if matches!(stepped.action, SetAction::Nothing { .. }) && stepped.before == stepped.after {
+        if matches!(stepped.action, SetAction::Nothing { .. }) && stepped.before.is_like(stepped.after) {
             return;
         }
         if line.begun.replace(stretch).is_none() {

@@ -5,17 +5,19 @@
 //! caller writes the document at once.
 
 use std::collections::BTreeMap;
+use std::io::ErrorKind;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::watch;
 
-use super::{Entry, Question, StoreFile, WHAT};
+use super::{CHANGED_AFTER, Entry, Question, StoreFile, WHAT};
 use crate::clock::{Clock, Patience};
 use crate::fieldbus::explain::explain_system;
 use crate::gateway::memory::Memory;
 use crate::observe::events::{Event, Journal};
+use isotherm_core::explained::Cause;
 
 /// Consequence of a document that is not on disk.
 const OTHERWISE: &str = "a register that is shared or cannot be read is not written; after the next start the gateway \
@@ -73,7 +75,8 @@ struct Saving {
     done: watch::Sender<Done>,
     journal: Arc<Journal>,
     clock: Clock,
-    is_failing: bool,
+    /// Cause that was reported, while the store cannot be written.
+    failing: Option<Cause<(ErrorKind, Option<i32>)>>,
 }
 
 impl Writer {
@@ -85,7 +88,7 @@ impl Writer {
         let (sender, done) = watch::channel(Done::default());
         let shared = Arc::new(Shared::default());
         let question = file.question();
-        let mut saving = Saving { file, done: sender, journal, clock: clock.clone(), is_failing: false };
+        let mut saving = Saving { file, done: sender, journal, clock: clock.clone(), failing: None };
         let here = if has_thread {
             let shared = Arc::clone(&shared);
             let work = move || shared.work(&mut saving);
@@ -123,12 +126,15 @@ impl Writer {
     }
 
     /// Waits for a version, for `span` of real time at most. It does not wait for a disk that did not answer the last time. In a run
-    /// with a virtual clock it does: there seconds pass while the disk is only busy.
+    /// with a virtual clock it does for a while: there seconds pass while the disk is only busy.
     pub(in crate::gateway) async fn kept(&self, version: u64, span: Duration, clock: &Clock) -> Kept {
         let mut done = self.done.clone();
         let is_done = |done: &Done| done.kept >= version || done.failed >= version;
-        let is_slow = self.is_slow.load(Ordering::Relaxed) && !clock.is_virtual();
-        let span = if is_slow { Duration::ZERO } else { span };
+        let span = match (self.is_slow.load(Ordering::Relaxed), clock.is_virtual()) {
+            (false, _) => span,
+            (true, true) => span / Patience::SLICES,
+            (true, false) => Duration::ZERO,
+        };
         let waited = Patience::by(clock).within(span, done.wait_for(is_done)).await;
         if waited.is_some() || !span.is_zero() {
             self.is_slow.store(waited.is_none(), Ordering::Relaxed);
@@ -202,8 +208,10 @@ impl Saving {
         let numbered = saved.and_then(|()| self.file.save_number());
         self.done.send_modify(|done| done.settled = version);
         let event = match numbered {
-            Ok(()) if std::mem::take(&mut self.is_failing) => Event::KeptAgain { what: WHAT.to_owned() },
-            Err(error) if !std::mem::replace(&mut self.is_failing, true) => {
+            Ok(()) if self.failing.take().is_some() => Event::KeptAgain { what: WHAT.to_owned() },
+            Err(error)
+                if Cause::is_news(&mut self.failing, (error.kind(), error.raw_os_error()), CHANGED_AFTER) =>
+            {
                 let why = explain_system(&error).within(|cause| format!("{cause}; {OTHERWISE}"));
                 Event::NotKept { what: WHAT.to_owned(), why }
             }

@@ -10,8 +10,9 @@ use super::set_world::{Program, SetBudget, SetWorld, set_settings};
 
 /// Looks at no more than `most` worlds, breadth first, and from each fourth lets everything run out.
 fn search(what: &str, settings: &SetSettings, program: Program, left: SetBudget) -> Result<(), String> {
-    let asked = std::env::var("SEARCH_STATES").ok().and_then(|most| most.parse().ok());
-    let most = asked.unwrap_or(STATES);
+    // A set has many more ways to search than a register, and each costs more.
+    let asked = std::env::var("SEARCH_STATES").ok().and_then(|most| most.parse::<usize>().ok());
+    let most = asked.map_or(STATES, |most| most / 4);
     let hasher = BuildHasherDefault::<DefaultHasher>::default();
     let mut known: HashSet<u64, BuildHasherDefault<DefaultHasher>> = HashSet::default();
     let mut layer = vec![(SetWorld::new(settings, program, left), Vec::<&str>::new())];
@@ -46,7 +47,7 @@ fn search(what: &str, settings: &SetSettings, program: Program, left: SetBudget)
     broken.map_or(Ok(()), Err)
 }
 
-const STATES: usize = 30_000;
+const STATES: usize = 8_000;
 const LINK: SetBudget =
     SetBudget { losses: 2, holds: 1, wires: 0, kills: 0, targets: 1, restarts: 0, stale: 1 };
 const TROUBLE: SetBudget =

@@ -122,6 +122,12 @@ impl SetController {
         self.members.is_late()
     }
 
+    /// Returns whether both decide alike from the next turn on. A turn begins with its own demand.
+    pub fn is_like(&self, other: &SetController) -> bool {
+        let with_demand = |one: &SetController| SetController { demand: self.demand.clone(), ..one.clone() };
+        self.phase == Phase::Rest && *self == with_demand(other)
+    }
+
     /// Takes an input and returns the exchange that it asks for.
     pub fn step(&mut self, settings: &SetSettings, input: &SetInput, now: Moment) -> SetAction {
         match input {
@@ -196,8 +202,6 @@ impl SetController {
         }
     }
 
-    // ---- the disk -----------------------------------------------------------------------------------------------
-
     fn answer(&mut self, settings: &SetSettings, place: usize, answer: OutputAnswer, now: Moment) {
         self.members.give(settings, place, answer.input(), now);
         match &mut self.phase {
@@ -214,8 +218,6 @@ impl SetController {
             _ => {}
         }
     }
-
-    // ---- the handshake ------------------------------------------------------------------------------------------
 
     /// Continues the handshake of an earlier turn. A strobe that is still up is dropped.
     fn resume_handshake(&mut self, now: Moment) {
@@ -347,8 +349,6 @@ impl SetController {
             self.members.each(settings, |_| Some(Input::Set(SetCommit::Taken)), now);
         }
     }
-
-    // ---- the values ---------------------------------------------------------------------------------------------
 
     fn demand(&mut self, settings: &SetSettings, now: Moment) {
         let demands = self.demand.members.iter().map(|member| member.demand);
