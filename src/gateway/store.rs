@@ -29,7 +29,7 @@
 //! Nothing here can find that both were replaced by an older pair.
 
 use std::collections::BTreeMap;
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -38,6 +38,7 @@ use serde_json::Value;
 
 use super::disk::{Disk, refuse_what_others_may_write};
 use crate::fieldbus::explain::system;
+use isotherm_core::explained::Cause;
 use isotherm_core::quantity::Moment;
 
 pub(super) mod document;
@@ -57,7 +58,15 @@ pub(super) use names::{by_name, by_place};
 pub(super) use writer::{Kept, Writer};
 
 /// Another cause why something is not on disk is reported when it was found so often in a row.
-pub(super) const CHANGED_AFTER: u32 = 2;
+const CHANGED_AFTER: u32 = 2;
+
+/// Cause why something is not on disk, as it was reported. `None` while it is.
+pub(super) type DiskCause = Option<Cause<(ErrorKind, Option<i32>)>>;
+
+/// Takes note of an error of the disk. Returns whether to report it.
+pub(super) fn is_news(known: &mut DiskCause, error: &io::Error) -> bool {
+    Cause::is_news(known, (error.kind(), error.raw_os_error()), CHANGED_AFTER)
+}
 
 /// How events name the document.
 pub(super) const WHAT: &str = "the state";

@@ -20,9 +20,8 @@ use super::stamps::Stamped;
 use crate::fieldbus::explain::explain_system;
 use crate::gateway::disk::{append, make_directory};
 use crate::gateway::log::outputs::{ENDING, HEADER};
-use crate::gateway::store::CHANGED_AFTER;
+use crate::gateway::store::{DiskCause, is_news};
 use crate::observe::events::{Event, Journal};
-use isotherm_core::explained::Cause;
 use isotherm_core::quantity::{Moment, Shifted, time};
 use isotherm_profile::duration_text;
 use isotherm_profile::{Profile, regular};
@@ -97,7 +96,7 @@ pub(super) struct StorageThread {
     is_woken: Arc<AtomicBool>,
     /// Rows of outputs that were made before so many were lost stand behind missing ones.
     whole_since: u64,
-    failing: BTreeMap<&'static str, Option<Cause<(ErrorKind, Option<i32>)>>>,
+    failing: BTreeMap<&'static str, DiskCause>,
     torn: Arc<AtomicBool>,
     tears: Arc<Tears>,
     journal: Arc<Journal>,
@@ -234,8 +233,7 @@ impl StorageThread {
                 }
             }
             Err(error) => {
-                let known = self.failing.entry(what).or_default();
-                if Cause::is_news(known, (error.kind(), error.raw_os_error()), CHANGED_AFTER) {
+                if is_news(self.failing.entry(what).or_default(), &error) {
                     let directory = self.directory.display();
                     let why = explain_system(&error).within(|cause| format!("{directory}: {cause}"));
                     self.journal.report(at, &Event::NotKept { what: what.to_owned(), why });

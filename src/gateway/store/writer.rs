@@ -5,19 +5,17 @@
 //! caller writes the document at once.
 
 use std::collections::BTreeMap;
-use std::io::ErrorKind;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::watch;
 
-use super::{CHANGED_AFTER, Entry, Question, StoreFile, WHAT};
+use super::{DiskCause, Entry, Question, StoreFile, WHAT, is_news};
 use crate::clock::{Clock, Patience};
 use crate::fieldbus::explain::explain_system;
 use crate::gateway::memory::Memory;
 use crate::observe::events::{Event, Journal};
-use isotherm_core::explained::Cause;
 
 /// Consequence of a document that is not on disk.
 const OTHERWISE: &str = "a register that is shared or cannot be read is not written; after the next start the gateway \
@@ -76,7 +74,7 @@ struct Saving {
     journal: Arc<Journal>,
     clock: Clock,
     /// Cause that was reported, while the store cannot be written.
-    failing: Option<Cause<(ErrorKind, Option<i32>)>>,
+    failing: DiskCause,
 }
 
 impl Writer {
@@ -209,9 +207,7 @@ impl Saving {
         self.done.send_modify(|done| done.settled = version);
         let event = match numbered {
             Ok(()) if self.failing.take().is_some() => Event::KeptAgain { what: WHAT.to_owned() },
-            Err(error)
-                if Cause::is_news(&mut self.failing, (error.kind(), error.raw_os_error()), CHANGED_AFTER) =>
-            {
+            Err(error) if is_news(&mut self.failing, &error) => {
                 let why = explain_system(&error).within(|cause| format!("{cause}; {OTHERWISE}"));
                 Event::NotKept { what: WHAT.to_owned(), why }
             }

@@ -295,7 +295,8 @@ fn a_disk_that_fails_later_stops_the_writing_and_the_axis_says_so_until_it_works
     assert_eq!(trace.states_between(120, 170), ["active"], "{}", trace.lines());
     near(shares(&trace, 170).0, BASE);
     near(left(&trace), BASE);
-    assert!(trace.reported("not-kept") <= 4 && trace.reported("kept-again") >= 1, "{}", trace.lines());
+    // The files of the logs are gone first, and then there is no directory: another cause.
+    assert!(trace.reported("not-kept") <= 6 && trace.reported("kept-again") >= 1, "{}", trace.lines());
 }
 
 #[test]
