@@ -1,4 +1,4 @@
-//! Controller of a corrected position: what is written for each position that was read, and what the results mean.
+//! Controller of a corrected position: value of each write, and meaning of its result.
 //!
 //! The newest position goes out at once in every armed state, also while the axis holds. Only the Cz inside follows rules: [`Inside`].
 //!
@@ -67,7 +67,7 @@ pub struct PositionDecision {
     pub at: Moment,
 }
 
-/// What is to be done with a position.
+/// Action on a position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PositionAction {
     /// Nothing.

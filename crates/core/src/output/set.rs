@@ -98,16 +98,16 @@ pub struct MemberDemand {
     pub again_until: Option<Moment>,
 }
 
-/// What the heartbeat of a set does.
+/// Heartbeat of a set in the next request.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Beat {
-    /// Nothing is sent for its sake: no axis was armed yet, and in a dry run.
+    /// No request for its sake: no axis was armed yet, or this is a dry run.
     #[default]
     Silent,
-    /// The same count is sent: the axes were not stepped in time.
+    /// Unchanged count: the axes were not stepped in time.
     Stands,
-    /// Each request has the next count.
+    /// Next count in each request.
     Counts,
 }
 

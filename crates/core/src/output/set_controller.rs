@@ -552,7 +552,7 @@ impl SetController {
         self.phase = Phase::Raise;
     }
 
-    /// When the set is to be called again. Apart from an acknowledge that it waits for: [`Strobe::asks`].
+    /// Moment at which the set is to be called again. An acknowledge that the set waits for is apart: [`Strobe::asks`].
     fn due(&self, settings: &SetSettings, now: Moment) -> Moment {
         let is_unfinished = self.strobe.level() == StrobeLevel::Up || self.is_bound();
         let tries = is_unfinished.then_some(self.tries_from.max(now));

@@ -58,7 +58,7 @@ pub(super) enum Promised {
     Asked,
 }
 
-/// What follows an acknowledge.
+/// Next phase after an acknowledge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum After {
@@ -72,7 +72,7 @@ pub(super) enum After {
     End,
 }
 
-/// Why the strobe is dropped, or what follows.
+/// Reason why the strobe is dropped, or next phase after it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Dropped {
@@ -86,7 +86,7 @@ pub(super) enum Dropped {
     Failed(HandshakeFault),
 }
 
-/// What follows when all promises are on disk, or when the registers were read.
+/// Next phase when all promises are on disk, or when the registers were read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Then {
@@ -105,7 +105,7 @@ impl Then {
     }
 }
 
-/// Why the registers are read.
+/// Reason why the registers are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Reason {

@@ -70,7 +70,7 @@ struct Wait {
 shifted!(Wait: until, ask);
 shifted!(Strobe: wait, may_rise_until);
 
-/// What an acknowledge that was read says.
+/// Meaning of an acknowledge that was read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Heard {
     /// The awaited level.

@@ -66,7 +66,7 @@ pub struct OutputSet {
     pub complement: Option<Register>,
     /// Counts up with every write: one register or node, 0 to 32767.
     pub heartbeat: Option<Address>,
-    /// What the gateway does, in bits: one register or node. See [`ControlWord`](isotherm_core::output::ControlWord).
+    /// Control word: one register or node with the state of the axes in bits. See [`ControlWord`](isotherm_core::output::ControlWord).
     pub control: Option<Address>,
     /// A number that control and profile agree on.
     pub version: Option<(Address, u16)>,

@@ -46,7 +46,7 @@ pub enum Entry {
     SetStep {
         /// The input.
         input: SetInput,
-        /// What was to be done next.
+        /// Next exchange.
         action: SetAction,
     },
     /// Something for people alone.

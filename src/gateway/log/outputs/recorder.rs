@@ -43,7 +43,7 @@ impl OutputRecorder {
         self.ends(",", &detail.map_or(String::new(), |detail| cell(&detail)))
     }
 
-    /// A set goes on from this.
+    /// A set resumes from this state.
     pub fn set_begin(&mut self, now: Moment, set: &str, beginning: SetBeginning) -> &[u8] {
         // Numbers, names and lists of them always have a JSON form.
         let detail = serde_json::to_string(&beginning.shifted(self.shift)).unwrap_or_default();
