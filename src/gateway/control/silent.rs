@@ -10,9 +10,9 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use crate::clock::Passing;
 
-/// Time for each place that a new connection may stay silent. A client sends its line as soon as it is connected. A thousand silent
-/// connections are closed in a second, however few places there are.
-const GRACE_OF_A_PLACE: Duration = Duration::from_millis(1);
+/// Time for each place that a new connection may stay silent. A client sends its line as soon as it is connected, and connects again
+/// if it has lost its place before. The more silent connections are closed in a second, the shorter a command waits behind them.
+const GRACE_OF_A_PLACE: Duration = Duration::from_micros(250);
 /// Time for a closed connection to return its place.
 const RETURNED: Duration = Duration::from_millis(10);
 
