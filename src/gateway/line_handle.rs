@@ -11,6 +11,7 @@ use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::Witness;
 use crate::fieldbus::wire::{CanRequest, Request};
 use crate::observe::events::Event;
+use isotherm_core::output::Beat;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Arm, BusId, DeviceId, OnStop, OutputId};
 
@@ -112,16 +113,20 @@ impl LineHandle {
         }
     }
 
-    /// Heartbeats and control words go on: from the first arming, or where the profile arms from the first good reading,
+    /// Whether heartbeats are sent and count. They go on from the first arming, or where the profile arms from the first good reading,
     /// until the process ends.
-    pub(super) fn may_beat(&self) -> bool {
-        let core = self.core();
-        !self.dry_run && (core.was_armed || (self.profile.arm == Arm::Auto && core.has_read))
+    pub(super) fn beat(&self, now: Moment) -> Beat {
+        let (core, arm) = (self.core(), self.profile.arm);
+        if self.dry_run || !(core.was_armed || (arm == Arm::Auto && core.has_read)) {
+            return Beat::Silent;
+        }
+        drop(core);
+        if self.head_lives(now) { Beat::Counts } else { Beat::Stands }
     }
 
     /// The axes were stepped as lately as they should be: a gateway whose lines live but whose head does not counts no beat. While
     /// the registers keep what they hold until another program takes over, no axis is to be stepped.
-    pub(super) fn head_lives(&self, now: Moment) -> bool {
+    fn head_lives(&self, now: Moment) -> bool {
         let (every, core) = (self.dependents.shortest_period, self.core());
         core.stop == Some(OnStop::Hold) || every.is_none_or(|every| now.since(core.stepped_at) <= every * 2)
     }

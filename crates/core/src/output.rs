@@ -80,6 +80,7 @@ mod event;
 mod facts;
 mod follow;
 mod handshake;
+mod heartbeat;
 mod inside;
 mod judge;
 mod kept;
@@ -106,14 +107,16 @@ pub use demand::{Condition, Demand, Demanded, Input, Mode, NotSent, SetCommit};
 pub use event::{Doubt, Event};
 pub use follow::{Cause, Follow, OutputHealth, Trouble};
 pub use handshake::HandshakeFault;
+pub use heartbeat::{Beat, HeartbeatController};
 pub use inside::{Inside, farthest_behind};
 pub use kept::{Account, Kept, Promise};
 pub use position::{
     PositionAction, PositionController, PositionDecision, PositionDemand, PositionEvent, PositionResult,
+    PositionTurn,
 };
 pub use set::{
-    Alone, Beat, ControlWord, MemberDemand, OutputAnswer, OwnWords, SetAction, SetDemand, SetInput,
-    SetSettings, SetValue, SetWords, StrobeResult, WriteResult,
+    Alone, ControlWord, MemberDemand, OutputAnswer, OwnWords, SetAction, SetDemand, SetInput, SetSettings,
+    SetValue, SetWords, StrobeResult, WriteResult,
 };
 pub use set_controller::SetController;
 pub use settings::{AppliedSettings, Rules, Settings, Verify};

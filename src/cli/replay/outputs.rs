@@ -26,7 +26,7 @@ pub struct OutputsSummary {
     pub span_s: f64,
     /// What is odd about the log.
     pub warnings: Vec<String>,
-    /// By name: every output that is written as decided. What is only counted is not replayed.
+    /// By name: outputs, sets and the heartbeat.
     pub outputs: BTreeMap<String, Reproduced>,
 }
 
@@ -73,7 +73,8 @@ pub fn replay_outputs(log: impl Read, name: &str) -> anyhow::Result<OutputsSumma
             continue;
         }
         let reported = outputs.entry(row.output).or_default();
-        reported.rows += u64::from(replayed != Replayed::Nothing);
+        let repetitions = if let Entry::Turn { repetitions, .. } = row.entry { repetitions } else { 0 };
+        reported.rows += u64::from(replayed != Replayed::Nothing) + repetitions;
         if let Replayed::Different { recorded, replayed } = replayed {
             reported.differing += 1;
             let column = "action".to_owned();

@@ -13,15 +13,16 @@ use crate::fieldbus::explain::advised_on;
 use crate::fieldbus::wire::Request;
 use crate::gateway::blamed::of_an_output;
 use crate::gateway::line_handle::LineHandle;
+use crate::gateway::log::outputs::{ControllerState, Resumed, ResumedPosition, Turn};
 use crate::gateway::output::Standing;
-use crate::gateway::storage::Steady;
+use crate::gateway::storage::{Steady, TurnEnded};
 use crate::gateway::units::{cz_factor, registers_in_text};
 use crate::observe::events::Event;
 use isotherm_core::codec::{ControlView, Encoded};
 use isotherm_core::compensation::AxisState;
 use isotherm_core::output::{
     Condition, Fact, Input, PositionAction, PositionController, PositionDecision, PositionDemand,
-    PositionEvent, PositionResult, Trouble,
+    PositionEvent, PositionResult, PositionTurn, Trouble,
 };
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::SignalId;
@@ -65,68 +66,78 @@ impl Position {
         };
         let OutputDemand { cz, target, decided: at, interlock, position, .. } = demand;
         let is_driven = demand.decision != Decision::Off && !shared.dry_run;
+        // Where a person arms, the display is not ours before that.
+        let is_ours = !shared.dry_run && (shared.profile.arm == Arm::Auto || shared.core().was_armed);
         let asked = PositionDemand {
             read_at,
             is_usable: position.is_some(),
             decision: is_driven.then_some(PositionDecision { cz, target, at }),
             interlock,
             backs_off: turn.line.is_resting(output.device, now),
+            may_show_dashes: has_dashes && is_ours,
         };
-        // Where a person arms, the display is not ours before that.
-        let is_ours = !shared.dry_run && (shared.profile.arm == Arm::Auto || shared.core().was_armed);
-        if has_dashes && is_ours && self.controller.shows_nothing(&asked, now) {
-            self.show_nothing(turn, output).await;
-        }
-        let step = shared.profile.axis(output.axis).settings.guard.step;
-        let (action, event) = self.controller.next(&asked, step);
+        let (step, before) = (shared.profile.axis(output.axis).settings.guard.step, self.controller);
+        let (action, event) = self.controller.next(&asked, step, now);
         self.report(shared, output, event);
-        match (action, position) {
+        let mut sent = None;
+        let result = match (action, position) {
             (PositionAction::Correct(cz), Some(position)) => {
-                self.correct(turn, output, (position, cz), &demand).await;
+                sent = self.correct(turn, output, (position, cz), demand.not_after).await;
+                sent.as_ref().map(Sent::result)
             }
-            (PositionAction::Interlocked(Condition::Unknown), _) => {
-                shared.core().outputs[self.id.0].doubt();
+            (PositionAction::ShowDashes, _) => self.show_dashes(turn, output).await,
+            (PositionAction::Interlocked(condition), _) => {
+                let state = &mut shared.core().outputs[self.id.0];
+                match condition {
+                    Condition::Unknown => state.doubt(),
+                    _ => state.standing = Standing::Interlocked,
+                }
+                None
             }
-            (PositionAction::Interlocked(_), _) => {
-                shared.core().outputs[self.id.0].standing = Standing::Interlocked;
-            }
-            _ => {}
+            _ => None,
+        };
+        let ended = PositionTurn { demand: asked, action, result };
+        let event = self.controller.result(&ended, now);
+        if let Some(sent) = sent {
+            self.publish(shared, output, sent, event);
         }
+        let (turn, state) = (Turn::Position(ended), ControllerState::Position);
+        let ended = TurnEnded { before: state(before), turn, after: state(self.controller) };
+        let resumed = || Resumed::Position(ResumedPosition { step, position: before });
+        shared.core().storage.outputs.turned(Steady::Position(self.id), ended, resumed, now);
     }
 
+    /// Writes a position with this Cz. `None` if the control must not get that.
     async fn correct(
         &mut self,
         turn: &mut LineTurn<'_>,
         output: &Output,
         (position, cz): (f64, Micron),
-        demand: &OutputDemand,
-    ) {
+        not_after: Moment,
+    ) -> Option<Sent> {
         let shared = turn.shared;
         let factor = cz_factor(&shared.profile, output);
         let target = self.encode(shared, output, position + cz.get() * factor / 1000.0);
         if let Some(control) = &self.control
             && let Err(why) = control.admit(target.registers(), cz, position, Micron::ZERO)
         {
-            return report::not_sent(shared, self.id, why);
+            report::not_sent(shared, self.id, why);
+            return None;
         }
         let asked = turn.line.looked();
-        let sent = write(turn, output, &target, demand.not_after).await;
-        let result = match &sent {
-            Ok(found) if found.is_none_or(|found| found.registers() == target.registers()) => {
-                PositionResult::Written
+        let answer = write(turn, output, &target, not_after).await;
+        Some(Sent { target, cz, asked, answer })
+    }
+
+    fn publish(&mut self, shared: &LineHandle, output: &Output, sent: Sent, event: Option<PositionEvent>) {
+        let result = sent.result();
+        let Sent { target, cz, asked, answer } = sent;
+        match answer {
+            Ok(_) if result == PositionResult::Written => {
+                self.is_written(shared, output, &target, (cz, asked));
             }
-            Ok(_) => PositionResult::NotShown,
-            Err((fault, Outcome::NotDone)) if fault.has_lapsed() => PositionResult::Lapsed,
-            Err((fault, outcome)) => PositionResult::Failed {
-                trouble: if fault.spoils_connection() { Trouble::Link } else { Trouble::Untaken },
-                may_have_arrived: *outcome != Outcome::NotDone,
-            },
-        };
-        let event = self.controller.result((cz, demand.decided), result);
-        match (sent, result) {
-            (Ok(_), PositionResult::Written) => self.is_written(shared, output, &target, (cz, asked)),
-            (Ok(found), _) => self.is_not_shown(shared, output, (&target, found), event),
-            (Err((fault, _)), _) => self.fail(shared, output, fault),
+            Ok(found) => self.is_not_shown(shared, output, (&target, found), event),
+            Err((fault, _)) => self.fail(shared, output, fault),
         }
         self.report(shared, output, event.filter(|event| *event != PositionEvent::NotShown));
     }
@@ -146,7 +157,7 @@ impl Position {
         state.cz = Some(cz);
         state.value = output.encoding.decode(target.registers()).ok();
         state.verified_at = Some(asked);
-        core.storage.outputs.wrote(Steady::Position(self.id), Some(cz), asked);
+        core.storage.outputs.wrote(Steady::Position(self.id), asked);
     }
 
     fn report(&self, shared: &LineHandle, output: &Output, event: Option<PositionEvent>) {
@@ -213,16 +224,39 @@ impl Position {
         state.doubt();
     }
 
-    /// Dashes instead of a number that nobody corrects any more.
-    async fn show_nothing(&mut self, turn: &mut LineTurn<'_>, output: &Output) {
-        let Some(stale) = &output.display.stale else { return };
+    /// Dashes instead of a number that nobody corrects any more. `None` if they could not be written: they are tried again.
+    async fn show_dashes(&self, turn: &mut LineTurn<'_>, output: &Output) -> Option<PositionResult> {
+        let stale = output.display.stale.as_ref()?;
         let text = (stale.register..).zip(stale.words.iter().copied());
         let beside = output.display.beside.iter().map(|beside| (beside.register, beside.word(Shown::Fault)));
-        // What fails is reported where every request fails, and tried again.
-        if send(turn, output, beside.collect(), Leave::Whenever).await.is_ok()
-            && send(turn, output, text.collect(), Leave::Whenever).await.is_ok()
-        {
-            self.controller.nothing_is_shown(turn.now);
+        // What fails is reported where every request fails.
+        send(turn, output, beside.collect(), Leave::Whenever).await.ok()?;
+        send(turn, output, text.collect(), Leave::Whenever).await.ok()?;
+        Some(PositionResult::Written)
+    }
+}
+
+/// A position that was sent, and the answer: the value that was read back, if it is.
+#[derive(Debug)]
+struct Sent {
+    target: Encoded,
+    cz: Micron,
+    asked: Moment,
+    answer: Result<Option<Encoded>, (Fault, Outcome)>,
+}
+
+impl Sent {
+    fn result(&self) -> PositionResult {
+        match &self.answer {
+            Ok(found) if found.is_none_or(|found| found.registers() == self.target.registers()) => {
+                PositionResult::Written
+            }
+            Ok(_) => PositionResult::NotShown,
+            Err((fault, Outcome::NotDone)) if fault.has_lapsed() => PositionResult::Lapsed,
+            Err((fault, outcome)) => PositionResult::Failed {
+                trouble: if fault.spoils_connection() { Trouble::Link } else { Trouble::Untaken },
+                may_have_arrived: *outcome != Outcome::NotDone,
+            },
         }
     }
 }

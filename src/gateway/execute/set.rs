@@ -9,13 +9,14 @@ use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, Outcome};
 use crate::gateway::core::Core;
 use crate::gateway::line_handle::LineHandle;
+use crate::gateway::log::outputs::{ControllerState, Resumed, ResumedSet, SetTurn, Turn};
 use crate::gateway::output::HandshakeStatus;
-use crate::gateway::storage::{SetStepped, Steady};
+use crate::gateway::storage::{Steady, TurnEnded};
 use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
 use isotherm_core::display::control_word;
 use isotherm_core::output::{
-    Action, Alone, Beat, Cause, Controller, Fact, HandshakeFault, Input, MemberDemand, OwnWords, SetAction,
+    Action, Alone, Cause, Controller, Fact, HandshakeFault, Input, MemberDemand, OwnWords, SetAction,
     SetController, SetDemand, SetInput, SetSettings, SetValue, SetWords, Strobe, StrobeLevel, StrobeResult,
     Taking, WriteResult,
 };
@@ -33,18 +34,10 @@ pub(in crate::gateway) struct Set {
     found: Vec<Encoded>,
     /// Why each axis is to resume from the register value, if it is.
     resumes: Vec<Option<Cause>>,
-    log: Logged,
     /// Cause of the last failure of the handshake, in words.
     cause: String,
     /// When it is to be called again, if nothing else happens.
     pub(in crate::gateway) due: Moment,
-}
-
-/// Whether the log has an input of this controller.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Logged {
-    NotYet,
-    GoesOn,
 }
 
 impl Set {
@@ -62,8 +55,8 @@ impl Set {
         let strobe = Strobe::new(was_up);
         let controller = SetController::new(&settings, controllers, (strobe, was_in_order), now);
         let resumes = vec![None; registers.len()];
-        let (found, log, cause) = (Vec::new(), Logged::NotYet, String::new());
-        Set { id, registers, settings, controller, found, resumes, log, cause, due: now }
+        let (found, cause) = (Vec::new(), String::new());
+        Set { id, registers, settings, controller, found, resumes, cause, due: now }
     }
 
     /// When the acknowledge is to be read again.
@@ -116,11 +109,7 @@ impl Set {
     }
 
     fn demand(&self, shared: &LineHandle, now: Moment) -> (Vec<OutputDemand>, SetDemand) {
-        let beat = match (shared.may_beat(), shared.head_lives(now)) {
-            (false, _) => Beat::Silent,
-            (true, false) => Beat::Stands,
-            (true, true) => Beat::Counts,
-        };
+        let beat = shared.beat(now);
         let core = shared.core();
         let demands: Vec<OutputDemand> =
             self.registers.iter().map(|one| OutputDemand::of(shared, &core, one.id, now)).collect();
@@ -169,11 +158,14 @@ impl Set {
         }
         self.publish(shared, &mut core);
         if let Some(before) = before {
-            let goes_on = std::mem::replace(&mut self.log, Logged::GoesOn) == Logged::GoesOn;
-            let (id, settings, after) = (self.id, &self.settings, &self.controller);
-            let stepped =
-                SetStepped { id, settings, before: &before, goes_on, input, action: &action, after };
-            core.storage.outputs.set_stepped(&stepped, now);
+            let state = |set: &SetController| ControllerState::Set(Box::new(set.clone()));
+            let resumed = || {
+                let (settings, set) = (self.settings.clone(), before.clone());
+                Resumed::Set(Box::new(ResumedSet { settings, set }))
+            };
+            let turn = Turn::Set(Box::new(SetTurn { input: input.clone(), action: action.clone() }));
+            let ended = TurnEnded { before: state(&before), turn, after: state(&self.controller) };
+            core.storage.outputs.turned(Steady::Set(self.id), ended, resumed, now);
         }
         action
     }
@@ -295,7 +287,7 @@ impl Set {
         }
         let log = &mut shared.core().storage.outputs;
         match sent {
-            Ok(()) => log.wrote(Steady::Set(self.id), None, now),
+            Ok(()) => log.wrote(Steady::Set(self.id), now),
             Err((fault, _)) => log.not_written(Steady::Set(self.id), &fault, now),
         }
     }

@@ -28,29 +28,36 @@
 //! by itself. An input that changed nothing and asked for nothing is left out.
 //!
 //! Outputs that land together have rows under the name of their set: `set-begin`, with settings and state of the set in `detail`, and
-//! `set`, with the input of its controller ([`SetInput`]) and the action ([`SetAction`]) in `detail` (JSON). `action` has the name of the
+//! `set`, with the input of its controller ([`SetInput`](isotherm_core::output::SetInput)) and the action in `detail` (JSON). `action` has the name of the
 //! action: nothing, keep, read, write, write-own, acknowledge, raise, drop.
 //!
-//! Positions, heartbeats and control words are written again and again, whatever came of the last time. Of these there are
-//! the rows `cz` (in `value`, µm, where it has changed), `fault` (in `detail`, once until a write is answered),
-//! and `writes` and `failures` (how many since `moment`, a minute or more). A file that begins because the computer's clock
-//! was set says in its first row, `clock`, from when to when. `sealed`, of no output, is a row of an earlier version, with the numbers
-//! of state and ledger. A replay passes over them.
+//! A corrected position has rows of its own kind, `position-begin` and `position`, with demand, action and result of a turn in `detail`;
+//! and so has the heartbeat in a register of its own, `heartbeat-begin` and `heartbeat`. A turn that only repeats the one before, with a
+//! newer position or the next count, has no row: `value` of the next row counts them, after a minute at the latest.
+//!
+//! Positions, heartbeats and control words are written again and again, whatever came of the last time. Of these there are also
+//! the rows `fault` (in `detail`, once until a write is answered), and `writes` and `failures` (how many since `moment`, a minute or
+//! more). A file that begins because the computer's clock was set says in its first row, `clock`, from when to when. Rows of earlier
+//! versions: `cz`, of a corrected position, in `value` the Cz that was another one, µm; and `sealed`, of no output, with the numbers of
+//! state and ledger. A replay passes over them.
 
 use serde::{Deserialize, Serialize};
 
 use isotherm_core::output::{
-    Action, Condition, Demand, Demanded, Fact, Input, Mode, NotSent, Policy, SetAction, SetCommit,
-    SetController, SetInput, SetSettings, Settings, State, Who,
+    Action, Condition, Demand, Demanded, Fact, Input, Mode, NotSent, Policy, SetCommit, Settings, State, Who,
 };
 use isotherm_core::quantity::{Counts, Moment, Shift, Shifted};
 
+mod controllers;
 mod reader;
 mod recorder;
 mod replay;
 #[cfg(test)]
 mod tests;
 
+pub use controllers::{
+    ControllerState, HeartbeatTurn, Resumed, ResumedHeartbeat, ResumedPosition, ResumedSet, SetTurn, Turn,
+};
 pub use reader::{Entry, OutputLogReader, OutputRow};
 pub use recorder::OutputRecorder;
 pub use replay::{OutputReplay, Replayed};
@@ -61,15 +68,14 @@ pub const HEADER: &str = "time,output,fact,value,moment,action,action_value,acti
 pub const ENDING: &str = ".outputs.csv";
 
 const BEGIN: &str = "begin";
-const SET_BEGIN: &str = "set-begin";
-const SET: &str = "set";
-const CZ: &str = "cz";
 const FAULT: &str = "fault";
 const WRITES: &str = "writes";
 const FAILURES: &str = "failures";
 const CLOCK: &str = "clock";
-/// Numbers of state and ledger in a log of an earlier version.
-const SEALED: &str = "sealed";
+/// Cz of a position, and numbers of state and ledger, in a log of an earlier version.
+const EARLIER: [&str; 2] = ["cz", "sealed"];
+/// Repetitions that one row may count: those of a minute are far fewer.
+const MOST_REPETITIONS: u64 = 1_000_000;
 
 /// From what an output goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -81,29 +87,6 @@ pub struct Beginning {
     /// What its controller knows beside that.
     #[serde(default)]
     pub policy: Policy,
-}
-
-/// State from which a set continues.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SetBeginning {
-    /// Settings.
-    pub settings: SetSettings,
-    /// Controller.
-    pub set: SetController,
-}
-
-impl Shifted for SetBeginning {
-    fn shift(&mut self, by: Shift) {
-        self.set.shift(by);
-    }
-}
-
-/// Detail of the row of a set.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SetDetail {
-    input: SetInput,
-    action: SetAction,
 }
 
 /// Detail of a row: what its input has beside a value and a moment.

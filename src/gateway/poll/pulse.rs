@@ -6,9 +6,11 @@ use crate::fieldbus::explain::explain_on;
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::Request;
 use crate::gateway::line_handle::LineHandle;
-use crate::gateway::storage::Steady;
+use crate::gateway::log::outputs::{ControllerState, HeartbeatTurn, Resumed, ResumedHeartbeat, Turn};
+use crate::gateway::storage::{Steady, TurnEnded};
 use crate::observe::events::Event;
 use isotherm_core::explained::Cause;
+use isotherm_core::output::HeartbeatController;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, Heartbeat, Profile};
 
@@ -20,7 +22,7 @@ const DEAF: u32 = 3;
 pub(super) struct Pulse {
     heartbeat: Heartbeat,
     pub(super) due: Moment,
-    count: u16,
+    controller: HeartbeatController,
     /// Beats in a row that were not written.
     missed: u32,
     /// What has been reported of that, and its end has not.
@@ -32,27 +34,35 @@ impl Pulse {
     pub(super) fn of(profile: &Profile, bus: BusId, start: Moment) -> Option<Pulse> {
         let heartbeat = profile.heartbeat.as_ref();
         let heartbeat = heartbeat.filter(|heartbeat| profile.device(heartbeat.device).bus == bus)?.clone();
-        Some(Pulse { heartbeat, due: start, count: 0, missed: 0, reported: None })
+        Some(Pulse {
+            heartbeat,
+            due: start,
+            controller: HeartbeatController::default(),
+            missed: 0,
+            reported: None,
+        })
     }
 
     pub(super) async fn beat(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) {
         self.due = now.next_tick(self.due, self.heartbeat.every);
-        if !shared.may_beat() {
-            return;
-        }
+        let beat = shared.beat(now);
+        let (before, highest) = (self.controller, self.heartbeat.highest());
+        let Some(count) = self.controller.next(beat, highest) else { return };
+        let state = ControllerState::Heartbeat;
+        let turn = Turn::Heartbeat(HeartbeatTurn { beat, count: Some(count) });
+        let ended = TurnEnded { before: state(before), turn, after: state(self.controller) };
+        let resumed = || Resumed::Heartbeat(ResumedHeartbeat { highest, heartbeat: before });
+        shared.core().storage.outputs.turned(Steady::Heartbeat, ended, resumed, now);
         let Heartbeat { device, address, .. } = &self.heartbeat;
-        if shared.head_lives(now) {
-            self.count = self.heartbeat.after(self.count);
-        }
         let functions = shared.profile.device(*device).functions;
-        let count = self.heartbeat.data_type().encode(u64::from(self.count));
+        let count = self.heartbeat.data_type().encode(u64::from(count));
         let request = Request::write(address, count.registers(), functions);
         // The next beat is the repetition, and none is made up for.
         let sent = line.request(*device, request, Leave::By(self.due)).await.err();
         self.report(shared, sent);
         let log = &mut shared.core().storage.outputs;
         match sent {
-            None => log.wrote(Steady::Heartbeat, None, now),
+            None => log.wrote(Steady::Heartbeat, now),
             Some(fault) => log.not_written(Steady::Heartbeat, &fault, now),
         }
     }

@@ -10,11 +10,9 @@ use jiff::civil::Date;
 
 use super::stamps::{Stamped, Stamps};
 use super::{Job, OUTPUT_QUEUE, keeping};
-use crate::gateway::log::outputs::{Beginning, OutputRecorder, SetBeginning};
-use isotherm_core::output::{
-    Action, Controller, Input, SetAction, SetController, SetInput, SetSettings, Settings,
-};
-use isotherm_core::quantity::{Micron, Moment, Shifted};
+use crate::gateway::log::outputs::{Beginning, ControllerState, OutputRecorder, Resumed, Turn};
+use isotherm_core::output::{Action, Controller, Input, Settings};
+use isotherm_core::quantity::{Moment, Shifted};
 use isotherm_profile::{OutputId, Profile, SetId};
 
 /// What is written again and again is counted for so long.
@@ -33,17 +31,12 @@ pub(in crate::gateway) struct Stepped<'a> {
     pub(in crate::gateway) after: &'a Controller,
 }
 
-/// The controller of a set has taken an input.
+/// A controller with turns had one.
 #[derive(Debug)]
-pub(in crate::gateway) struct SetStepped<'a> {
-    pub(in crate::gateway) id: SetId,
-    pub(in crate::gateway) settings: &'a SetSettings,
-    pub(in crate::gateway) before: &'a SetController,
-    /// `before` is the state after the last input that was recorded.
-    pub(in crate::gateway) goes_on: bool,
-    pub(in crate::gateway) input: &'a SetInput,
-    pub(in crate::gateway) action: &'a SetAction,
-    pub(in crate::gateway) after: &'a SetController,
+pub(in crate::gateway) struct TurnEnded {
+    pub(in crate::gateway) before: ControllerState,
+    pub(in crate::gateway) turn: Turn,
+    pub(in crate::gateway) after: ControllerState,
 }
 
 /// What is written again and again, whatever came of the last time.
@@ -51,7 +44,7 @@ pub(in crate::gateway) struct SetStepped<'a> {
 pub(in crate::gateway) enum Steady {
     /// A corrected position, or a display.
     Position(OutputId),
-    /// The heartbeat and the control word of a set.
+    /// A set, with its heartbeat and control word.
     Set(SetId),
     /// The heartbeat in a register of its own.
     Heartbeat,
@@ -91,7 +84,7 @@ pub(in crate::gateway) struct OutputsLog {
     stamps: Stamps,
     tears: Arc<Tears>,
     counts: (usize, usize),
-    /// By output, by set for its own words, of the heartbeat, and by set for its controller.
+    /// By output, by set, and of the heartbeat.
     lines: Vec<Line>,
     /// What failed, while it is compared with what failed before.
     message: String,
@@ -102,13 +95,16 @@ pub(in crate::gateway) struct OutputsLog {
 #[derive(Debug, Default)]
 struct Line {
     name: String,
-    /// Where the output has begun, so that its rows can be replayed, or its Cz was recorded.
+    /// Where the controller has begun, so that its rows can be replayed.
     begun: Option<Stretch>,
+    /// Last turn, and state after it.
+    last: Option<(Turn, ControllerState)>,
+    /// Turns since the last row that repeat it.
+    repetitions: u64,
     /// What is only counted, since when.
     since: Option<Moment>,
     writes: u64,
     failures: u64,
-    cz: Option<Micron>,
     /// What failed last and was recorded.
     fault: String,
 }
@@ -117,7 +113,7 @@ impl OutputsLog {
     pub(super) fn new(profile: &Profile, queue: SyncSender<Job>, stamps: Stamps) -> OutputsLog {
         let outputs = profile.outputs.iter().map(|output| output.name.clone());
         let sets = profile.sets.iter().map(|set| set.label());
-        let names = outputs.chain(sets.clone()).chain(["heartbeat".to_owned()]).chain(sets);
+        let names = outputs.chain(sets).chain(["heartbeat".to_owned()]);
         let counts = (profile.outputs.len(), profile.sets.len());
         OutputsLog { stamps, ..OutputsLog::of(names, counts, queue) }
     }
@@ -162,39 +158,47 @@ impl OutputsLog {
         self.hand_over(now, row, stretch);
     }
 
-    /// Queues an input of a set and its action. If rows before it are in another file or lost, they follow the state before them.
-    pub(in crate::gateway) fn set_stepped(&mut self, stepped: &SetStepped<'_>, now: Moment) {
-        let stretch = self.stretch(now);
-        let place = self.counts.0 + self.counts.1 + 1 + stepped.id.0;
+    /// Queues a turn of a controller; if rows before it are in another file or lost, after the state before it. A turn that repeats the
+    /// last one is counted.
+    pub(in crate::gateway) fn turned(
+        &mut self,
+        steady: Steady,
+        TurnEnded { before, turn, after }: TurnEnded,
+        resumed: impl FnOnce() -> Resumed,
+        now: Moment,
+    ) {
+        let (stretch, place) = (self.stretch(now), self.place(steady));
         let Some(line) = self.lines.get_mut(place) else { return };
-        line.begun = line.begun.filter(|begun| stepped.goes_on && *begun == stretch);
-        if matches!(stepped.action, SetAction::Nothing { .. }) && stepped.before.is_like(stepped.after) {
+        let known =
+            line.last.as_ref().filter(|(_, known)| line.begun == Some(stretch) && known.is_like(&before));
+        if turn.is_idle() && before.is_like(&after) {
             return;
         }
-        if line.begun.replace(stretch).is_none() {
-            let (settings, set) = (stepped.settings.clone(), stepped.before.clone());
-            let row = self.recorder.set_begin(now, &line.name, SetBeginning { settings, set }).to_vec();
+        let goes_on = known.is_some();
+        if known.is_some_and(|(last, known)| turn.repeats(last, known, &after)) {
+            line.repetitions += 1;
+            line.last = Some((turn, after));
+            return;
+        }
+        let repetitions = std::mem::take(&mut line.repetitions);
+        line.last = Some((turn.clone(), after));
+        if !goes_on {
+            line.begun = Some(stretch);
+            let row = self.recorder.resume(now, &line.name, &resumed()).to_vec();
             if !self.hand_over(now, row, stretch) {
                 return;
             }
         }
-        let name = &self.lines[place].name;
-        let row = self.recorder.set_step(now, name, stepped.input, stepped.action).to_vec();
+        let repetitions = if goes_on { repetitions } else { 0 };
+        let row = self.recorder.turn(now, &self.lines[place].name, &turn, repetitions).to_vec();
         self.hand_over(now, row, stretch);
     }
 
-    /// A write of what is only counted was answered as done, with this Cz in it.
-    pub(in crate::gateway) fn wrote(&mut self, steady: Steady, cz: Option<Micron>, now: Moment) {
-        let stretch = self.stretch(now);
-        let Some(line) = self.counted(steady, now) else { return };
-        line.writes += 1;
-        line.fault.clear();
-        let Some(cz) = cz else { return };
-        if line.begun.replace(stretch) != Some(stretch) || line.cz != Some(cz) {
-            line.cz = Some(cz);
-            let name = &self.lines[self.place(steady)].name;
-            let row = self.recorder.cz(now, name, cz).to_vec();
-            self.hand_over(now, row, stretch);
+    /// A write of what is written again and again was answered as done.
+    pub(in crate::gateway) fn wrote(&mut self, steady: Steady, now: Moment) {
+        if let Some(line) = self.counted(steady, now) {
+            line.writes += 1;
+            line.fault.clear();
         }
     }
 
@@ -261,9 +265,12 @@ impl OutputsLog {
         let Some(since) = line.since.replace(now) else { return };
         let (writes, failures) = (std::mem::take(&mut line.writes), std::mem::take(&mut line.failures));
         let recorder = &mut self.recorder;
+        let repetitions = std::mem::take(&mut line.repetitions);
+        let last = line.last.as_ref().filter(|_| repetitions > 0 && line.begun == Some(stretch));
+        let repeated = last.map(|(turn, _)| recorder.turn(now, &line.name, turn, repetitions - 1).to_vec());
         let wrote = (writes > 0).then(|| recorder.writes(now, &line.name, writes, since).to_vec());
         let failed = (failures > 0).then(|| recorder.failures(now, &line.name, failures, since).to_vec());
-        for row in wrote.into_iter().chain(failed) {
+        for row in repeated.into_iter().chain(wrote).chain(failed) {
             self.hand_over(now, row, stretch);
         }
     }

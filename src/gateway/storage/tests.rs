@@ -3,6 +3,8 @@ use super::*;
 use crate::clock::Clock;
 use isotherm_core::quantity::{Counts, time};
 
+mod turns;
+
 fn file(directory: &Path, header: &str) -> DayFile {
     DayFile::new(directory, "m", ".csv", header.to_owned())
 }
@@ -305,7 +307,7 @@ mod outputs {
         let mut bench = bench(directory.path());
         for second in 0..130u32 {
             let at = noon().after(SECOND * second);
-            bench.storage.outputs.wrote(Steady::Heartbeat, None, at);
+            bench.storage.outputs.wrote(Steady::Heartbeat, at);
             if second == 70 || second == 71 {
                 bench.storage.outputs.not_written(Steady::Heartbeat, &"no answer within 100ms", at);
             }

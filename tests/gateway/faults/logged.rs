@@ -94,7 +94,7 @@ fn a_register_with_faults_and_a_restarted_gateway_comes_out_again() {
     let traces = runs(BENCH, faults, directory.path(), &[4 * MINUTE, 3 * MINUTE]);
     traces.iter().for_each(law::holds);
     let (summary, text) = again(directory.path());
-    assert_eq!(summary.outputs.keys().collect::<Vec<_>>(), ["cnc_z"], "a position is only counted");
+    assert_eq!(summary.outputs.keys().collect::<Vec<_>>(), ["cnc_z", "heartbeat", "readout_z"]);
     has(
         &text,
         &[
@@ -106,16 +106,19 @@ fn a_register_with_faults_and_a_restarted_gateway_comes_out_again() {
             "cnc_z,no-answer,",
             ",write,",
             ",repeat,",
-            "readout_z,cz,",
+            "readout_z,position-begin,",
             "readout_z,writes,",
+            "heartbeat,heartbeat-begin,",
             "heartbeat,writes,60,",
             "heartbeat,fault,",
             "heartbeat,failures,",
         ],
     );
     assert_eq!(text.matches("cnc_z,begin,").count(), 2, "once a run");
-    let cz = text.matches("readout_z,cz,").count();
-    assert!((5..200).contains(&cz), "only where it has changed: {cz}");
+    for (rows, name) in [("readout_z,position,", "readout_z"), ("heartbeat,heartbeat,", "heartbeat")] {
+        let (rows, turns) = (u64::try_from(text.matches(rows).count()).unwrap(), summary.outputs[name].rows);
+        assert!(rows >= 5 && turns > 400 && rows * 2 < turns, "{rows} rows of {name} for {turns} turns");
+    }
 }
 
 #[test]
@@ -202,7 +205,7 @@ fn a_run_over_midnight_leaves_two_files_that_each_come_out_again() {
     for log in &logs {
         comes_out_again(&replayed(log));
         let text = fs::read_to_string(log).unwrap();
-        has(&text, &["cnc_z,begin,", "readout_z,cz,"]);
+        has(&text, &["cnc_z,begin,", "readout_z,position-begin,", "heartbeat,heartbeat-begin,"]);
     }
 }
 

@@ -123,10 +123,21 @@ fn catches_up(directory: &Path, quiet: Duration) {
         files.map(|file| changed(&file) + u128::from(file.len())).sum::<u128>()
     };
     let mut before = 0;
-    while before != written() {
+    while before != written() || is_writing() {
         before = written();
         std::thread::sleep(quiet);
     }
+}
+
+/// Whether a thread of this process that keeps logs or state is running, ready to run or waiting for the disk: on a busy computer
+/// that takes longer than any time without a change.
+fn is_writing() -> bool {
+    let threads = std::fs::read_dir("/proc/self/task").unwrap().flatten();
+    let status = threads.filter_map(|thread| std::fs::read_to_string(thread.path().join("status")).ok());
+    status.into_iter().any(|status| {
+        let line = |name: &str| status.lines().find_map(|line| line.strip_prefix(name)).unwrap_or("").trim();
+        matches!(line("Name:"), "storage" | "state") && !line("State:").starts_with('S')
+    })
 }
 
 impl World {

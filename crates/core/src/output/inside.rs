@@ -2,11 +2,14 @@
 
 use std::ops::Sub;
 
-use crate::quantity::{Micron, Moment};
+use serde::{Deserialize, Serialize};
+
+use crate::quantity::{Micron, Moment, Shift, Shifted};
 
 /// Cz inside a corrected position. The newest position goes out at once, whatever may still arrive. Only the Cz inside moves by one step at
 /// each decision. After a write whose result nobody knows it stays what was sent: only the same is near to both.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Inside {
     /// Nothing was written since the axis was armed.
     #[default]
@@ -25,6 +28,14 @@ impl Inside {
             Inside::Written(last, before) if before == at => last,
             Inside::Written(last, _) => next_inside(last, decided, target, step),
             Inside::Sent(sent) => sent,
+        }
+    }
+}
+
+impl Shifted for Inside {
+    fn shift(&mut self, by: Shift) {
+        if let Inside::Written(_, at) = self {
+            at.shift(by);
         }
     }
 }

@@ -13,16 +13,19 @@
 
 use std::time::Duration;
 
+use serde::{Deserialize, Serialize};
+
 use super::demand::Condition;
 use super::follow::Trouble;
 use super::inside::Inside;
-use crate::quantity::{Micron, Moment};
+use crate::quantity::{Micron, Moment, shifted};
 
 /// A display that was switched off and on shows something else: dashes are written again after this time.
 const DASHES_AGAIN: Duration = Duration::from_secs(10);
 
 /// Controller of a corrected position.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct PositionController {
     /// When the position was read that was corrected last.
     corrected: Moment,
@@ -34,7 +37,8 @@ pub struct PositionController {
 }
 
 /// Interlock as it was reported.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 enum Interlock {
     #[default]
     Closed,
@@ -42,7 +46,8 @@ enum Interlock {
 }
 
 /// Demand on a corrected position.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct PositionDemand {
     /// When the newest position was read.
     pub read_at: Moment,
@@ -54,10 +59,13 @@ pub struct PositionDemand {
     pub interlock: Condition,
     /// The line backs off from the device.
     pub backs_off: bool,
+    /// The display has dashes, and they may be written.
+    pub may_show_dashes: bool,
 }
 
 /// Decision of an axis about a corrected position.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct PositionDecision {
     /// Cz.
     pub cz: Micron,
@@ -68,7 +76,8 @@ pub struct PositionDecision {
 }
 
 /// Action on a position.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum PositionAction {
     /// Nothing.
     Nothing,
@@ -76,12 +85,27 @@ pub enum PositionAction {
     Interlocked(Condition),
     /// Write the position with this Cz.
     Correct(Micron),
+    /// Give the display dashes: nobody corrects its position.
+    ShowDashes,
 }
 
-/// Result of a write of a corrected position.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+impl PositionAction {
+    /// Name of the action in a log.
+    pub const fn name(&self) -> &'static str {
+        match self {
+            PositionAction::Nothing => "nothing",
+            PositionAction::Interlocked(_) => "interlocked",
+            PositionAction::Correct(_) => "correct",
+            PositionAction::ShowDashes => "show-dashes",
+        }
+    }
+}
+
+/// Result of a write of a corrected position or of dashes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum PositionResult {
-    /// Answered as done and, if that is read, read back.
+    /// Answered as done and, if a position is read back, read back.
     Written,
     /// Another value was read back.
     NotShown,
@@ -94,6 +118,18 @@ pub enum PositionResult {
         /// The request was sent, and the device may carry it out.
         may_have_arrived: bool,
     },
+}
+
+/// Turn of a corrected position. Its controller does the same again with the same demand and result.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PositionTurn {
+    /// Demand.
+    pub demand: PositionDemand,
+    /// Action.
+    pub action: PositionAction,
+    /// Result of a write.
+    pub result: Option<PositionResult>,
 }
 
 /// Event of a corrected position.
@@ -109,16 +145,52 @@ pub enum PositionEvent {
     Verified,
 }
 
-impl PositionController {
-    /// Returns whether a display is to be given dashes: nobody corrects its position.
-    pub fn shows_nothing(&self, demand: &PositionDemand, now: Moment) -> bool {
-        let is_fresh = self.dashes_at.is_some_and(|at| now < at.after(DASHES_AGAIN));
-        (demand.decision.is_none() || !demand.is_usable) && !demand.backs_off && !is_fresh
+impl PositionTurn {
+    /// Returns whether this turn repeats another with a newer position. `before`, `after`: state after each of them.
+    pub fn repeats(
+        &self,
+        last: &PositionTurn,
+        (before, after): (&PositionController, &PositionController),
+    ) -> bool {
+        let with = |decision: PositionDecision| {
+            let at = self.demand.decision.map_or(decision.at, |newer| newer.at);
+            PositionDecision { at, ..decision }
+        };
+        let (read_at, decision) = (self.demand.read_at, last.demand.decision.map(with));
+        let demand = PositionDemand { read_at, decision, ..last.demand };
+        *self == PositionTurn { demand, ..*last } && before.is_alike_inside(after)
     }
 
-    /// The display shows dashes.
-    pub fn nothing_is_shown(&mut self, now: Moment) {
-        (self.dashes_at, self.inside) = (Some(now), Inside::Nothing);
+    /// The same turn with the next position.
+    #[must_use]
+    pub fn again(mut self) -> PositionTurn {
+        self.demand.read_at = self.demand.read_at.after(Duration::from_nanos(1));
+        self
+    }
+}
+
+impl PositionController {
+    /// Returns whether both decide alike about the next position.
+    pub fn is_like(&self, other: &PositionController) -> bool {
+        *self == PositionController { corrected: self.corrected, ..*other }
+    }
+
+    /// Returns whether both decide alike about a next position with the same Cz and target: they may differ in the moment of the
+    /// decision that was written.
+    fn is_alike_inside(&self, other: &PositionController) -> bool {
+        let inside = match (self.inside, other.inside) {
+            (Inside::Written(one, at), Inside::Written(another, _)) if one == another => {
+                Inside::Written(one, at)
+            }
+            (_, inside) => inside,
+        };
+        self.is_like(&PositionController { inside, ..*other })
+    }
+
+    fn shows_dashes(&self, demand: &PositionDemand, now: Moment) -> bool {
+        let is_fresh = self.dashes_at.is_some_and(|at| now < at.after(DASHES_AGAIN));
+        let is_corrected = demand.decision.is_some() && demand.is_usable;
+        demand.may_show_dashes && !is_corrected && !demand.backs_off && !is_fresh
     }
 
     /// Returns whether this position was corrected already.
@@ -127,20 +199,26 @@ impl PositionController {
     }
 
     /// Decides about the newest position. `step`: largest change of Cz.
-    pub fn next(&mut self, demand: &PositionDemand, step: Micron) -> (PositionAction, Option<PositionEvent>) {
-        if self.has_corrected(demand.read_at) {
+    pub fn next(
+        &mut self,
+        demand: &PositionDemand,
+        step: Micron,
+        now: Moment,
+    ) -> (PositionAction, Option<PositionEvent>) {
+        let dashes = self.shows_dashes(demand, now).then_some(PositionAction::ShowDashes);
+        if dashes.is_none() && self.has_corrected(demand.read_at) {
             return (PositionAction::Nothing, None);
         }
         let Some(PositionDecision { cz, target, at }) = demand.decision else {
             (self.corrected, self.inside) = (demand.read_at, Inside::Nothing);
-            return (PositionAction::Nothing, None);
+            return (dashes.unwrap_or(PositionAction::Nothing), None);
         };
         if demand.backs_off {
             return (PositionAction::Nothing, None);
         }
         self.corrected = demand.read_at;
         if !demand.is_usable {
-            return (PositionAction::Nothing, None);
+            return (dashes.unwrap_or(PositionAction::Nothing), None);
         }
         let event = self.interlock_is(demand.interlock);
         match demand.interlock {
@@ -164,9 +242,17 @@ impl PositionController {
         }
     }
 
-    /// Takes note of the result of a write with this Cz, after the decision of this moment.
-    pub fn result(&mut self, (cz, at): (Micron, Moment), result: PositionResult) -> Option<PositionEvent> {
-        match result {
+    /// Takes note of the result of what a turn wrote.
+    pub fn result(&mut self, turn: &PositionTurn, now: Moment) -> Option<PositionEvent> {
+        let (cz, at) = match (turn.action, turn.demand.decision) {
+            (PositionAction::Correct(cz), Some(decision)) => (cz, decision.at),
+            (PositionAction::ShowDashes, _) if turn.result == Some(PositionResult::Written) => {
+                (self.dashes_at, self.inside) = (Some(now), Inside::Nothing);
+                return None;
+            }
+            _ => return None,
+        };
+        match turn.result? {
             PositionResult::Written => {
                 (self.inside, self.dashes_at) = (Inside::Written(cz, at), None);
                 let was_untaken = self.trouble.take() == Some(Trouble::Untaken);
@@ -190,6 +276,11 @@ impl PositionController {
     }
 }
 
+shifted!(PositionController: corrected, inside, dashes_at);
+shifted!(PositionDemand: read_at, decision);
+shifted!(PositionDecision: at);
+shifted!(PositionTurn: demand);
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -200,20 +291,30 @@ mod tests {
         Micron::new(value).unwrap()
     }
 
-    fn demand(second: u64) -> PositionDemand {
-        let at = Moment::from_nanos(second * 1_000_000_000);
-        let decision = PositionDecision { cz: micron(5.0), target: micron(9.0), at };
+    fn second(second: u64) -> Moment {
+        Moment::from_nanos(second * 1_000_000_000)
+    }
+
+    fn demand(at: u64) -> PositionDemand {
+        let decision = PositionDecision { cz: micron(5.0), target: micron(9.0), at: second(at) };
         PositionDemand {
-            read_at: at,
+            read_at: second(at),
             is_usable: true,
             decision: Some(decision),
             interlock: Condition::Met,
             backs_off: false,
+            may_show_dashes: false,
         }
     }
 
     fn next(one: &mut PositionController, demand: &PositionDemand) -> PositionAction {
-        one.next(demand, micron(STEP)).0
+        one.next(demand, micron(STEP), demand.read_at).0
+    }
+
+    /// The result of a write with this Cz after the decision of the first second.
+    fn result(one: &mut PositionController, cz: f64, result: PositionResult) -> Option<PositionEvent> {
+        let (demand, action) = (demand(1), PositionAction::Correct(micron(cz)));
+        one.result(&PositionTurn { demand, action, result: Some(result) }, demand.read_at)
     }
 
     #[test]
@@ -221,8 +322,7 @@ mod tests {
         let mut one = PositionController::default();
         let first = demand(1);
         assert_eq!(next(&mut one, &first), PositionAction::Correct(micron(5.0)));
-        let written = (micron(5.0), first.read_at);
-        assert_eq!(one.result(written, PositionResult::Written), None);
+        assert_eq!(result(&mut one, 5.0, PositionResult::Written), None);
         assert_eq!(next(&mut one, &first), PositionAction::Nothing);
         let mut second = demand(2);
         second.decision = second.decision.map(|decision| PositionDecision { cz: micron(8.0), ..decision });
@@ -232,44 +332,55 @@ mod tests {
     #[test]
     fn a_write_that_may_have_arrived_keeps_its_cz_until_one_is_answered() {
         let mut one = PositionController::default();
-        let at = demand(1).read_at;
         next(&mut one, &demand(1));
-        one.result((micron(5.0), at), PositionResult::Written);
+        result(&mut one, 5.0, PositionResult::Written);
         let lost = PositionResult::Failed { trouble: Trouble::Link, may_have_arrived: true };
-        assert_eq!(one.result((micron(6.0), at), lost), None);
+        assert_eq!(result(&mut one, 6.0, lost), None);
         assert_eq!(next(&mut one, &demand(3)), PositionAction::Correct(micron(6.0)));
     }
 
     #[test]
     fn what_is_not_shown_is_reported_once_and_its_end_too() {
-        let (mut one, at) = (PositionController::default(), demand(1).read_at);
-        let cz = (micron(5.0), at);
-        assert_eq!(one.result(cz, PositionResult::NotShown), Some(PositionEvent::NotShown));
-        assert_eq!(one.result(cz, PositionResult::NotShown), None);
-        assert_eq!(one.result(cz, PositionResult::Written), Some(PositionEvent::Verified));
-        assert_eq!(one.result(cz, PositionResult::Written), None);
+        let mut one = PositionController::default();
+        assert_eq!(result(&mut one, 5.0, PositionResult::NotShown), Some(PositionEvent::NotShown));
+        assert_eq!(result(&mut one, 5.0, PositionResult::NotShown), None);
+        assert_eq!(result(&mut one, 5.0, PositionResult::Written), Some(PositionEvent::Verified));
+        assert_eq!(result(&mut one, 5.0, PositionResult::Written), None);
     }
 
     #[test]
     fn an_open_interlock_is_reported_once_and_a_position_that_waits_for_its_device_is_taken_again() {
         let mut one = PositionController::default();
-        let open = |second| PositionDemand { interlock: Condition::NotMet, ..demand(second) };
+        let mut step = |demand: &PositionDemand| one.next(demand, micron(STEP), demand.read_at);
+        let open = |at| PositionDemand { interlock: Condition::NotMet, ..demand(at) };
         let interlocked = PositionAction::Interlocked(Condition::NotMet);
-        assert_eq!(one.next(&open(1), micron(STEP)), (interlocked, Some(PositionEvent::Interlocked)));
-        assert_eq!(one.next(&open(2), micron(STEP)), (interlocked, None));
+        assert_eq!(step(&open(1)), (interlocked, Some(PositionEvent::Interlocked)));
+        assert_eq!(step(&open(2)), (interlocked, None));
         let resting = PositionDemand { backs_off: true, ..demand(3) };
-        assert_eq!(one.next(&resting, micron(STEP)), (PositionAction::Nothing, None));
+        assert_eq!(step(&resting), (PositionAction::Nothing, None));
         let corrected = PositionAction::Correct(micron(5.0));
-        assert_eq!(one.next(&demand(3), micron(STEP)), (corrected, Some(PositionEvent::Released)));
+        assert_eq!(step(&demand(3)), (corrected, Some(PositionEvent::Released)));
     }
 
     #[test]
     fn dashes_come_when_nobody_corrects_and_again_after_ten_seconds() {
         let mut one = PositionController::default();
-        let off = PositionDemand { decision: None, ..demand(1) };
-        let second = |second: u64| Moment::from_nanos(second * 1_000_000_000);
-        assert!(one.shows_nothing(&off, second(1)) && !one.shows_nothing(&demand(1), second(1)));
-        one.nothing_is_shown(second(1));
-        assert!(!one.shows_nothing(&off, second(10)) && one.shows_nothing(&off, second(11)));
+        let off = PositionDemand { decision: None, may_show_dashes: true, ..demand(1) };
+        let mut action = |demand: &PositionDemand, at| one.next(demand, micron(STEP), second(at)).0;
+        assert_eq!(action(&PositionDemand { may_show_dashes: false, ..off }, 1), PositionAction::Nothing);
+        assert_eq!(action(&off, 1), PositionAction::ShowDashes);
+        // They were not written.
+        assert_eq!(action(&off, 2), PositionAction::ShowDashes);
+        let turn = PositionTurn {
+            demand: off,
+            action: PositionAction::ShowDashes,
+            result: Some(PositionResult::Written),
+        };
+        assert_eq!(one.result(&turn, second(2)), None);
+        let mut action = |demand: &PositionDemand, at| one.next(demand, micron(STEP), second(at)).0;
+        assert_eq!(action(&off, 11), PositionAction::Nothing);
+        assert_eq!(action(&off, 12), PositionAction::ShowDashes);
+        let on = PositionDemand { may_show_dashes: true, ..demand(13) };
+        assert_eq!(action(&on, 13), PositionAction::Correct(micron(5.0)));
     }
 }

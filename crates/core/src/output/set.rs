@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Fact;
 use super::demand::{Demand, Input, NotSent};
+use super::heartbeat::Beat;
 use super::settings::Settings;
 use super::transaction::Taking;
 use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
@@ -96,19 +97,6 @@ pub struct MemberDemand {
     pub demand: Demand,
     /// A value that was sent before may be sent once more until then. `None` if the axis decides nothing.
     pub again_until: Option<Moment>,
-}
-
-/// Heartbeat of a set in the next request.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Beat {
-    /// No request for its sake: no axis was armed yet, or this is a dry run.
-    #[default]
-    Silent,
-    /// Unchanged count: the axes were not stepped in time.
-    Stands,
-    /// Next count in each request.
-    Counts,
 }
 
 /// Words of a set that are no value of an output.
@@ -317,11 +305,6 @@ impl SetAction {
     }
 }
 
-/// Count of a heartbeat after this one. It stays below the sign of its register.
-pub(super) fn next_beat(beat: u16) -> u16 {
-    if beat >= 32767 { 0 } else { beat + 1 }
-}
-
 shifted!(MemberDemand: demand, again_until);
 shifted!(SetDemand: members);
 
@@ -359,15 +342,5 @@ impl Shifted for SetAction {
             | SetAction::Raise
             | SetAction::Drop => {}
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_heartbeat_starts_again_below_the_sign() {
-        assert_eq!((next_beat(0), next_beat(32766), next_beat(32767)), (1, 32767, 0));
     }
 }

@@ -19,10 +19,11 @@ use serde::{Deserialize, Serialize};
 use super::controller::Controller;
 use super::demand::{Input, SetCommit};
 use super::handshake::HandshakeFault;
+use super::heartbeat::{Beat, count_after};
 use super::numbers::Attempt;
 use super::set::{
-    Beat, ControlWord, OutputAnswer, OwnWords, SetAction, SetDemand, SetInput, SetSettings, SetWords,
-    StrobeResult, WriteResult, next_beat,
+    ControlWord, OutputAnswer, OwnWords, SetAction, SetDemand, SetInput, SetSettings, SetWords, StrobeResult,
+    WriteResult,
 };
 use super::set_members::{Choice, SetMembers};
 use super::set_phase::{After, Dropped, Phase, Promised, Reason, Then};
@@ -31,6 +32,8 @@ use super::transaction::Transaction;
 use super::{Action, Fact};
 use crate::quantity::{Counts, Moment, Shift, Shifted};
 
+/// Largest count of the heartbeat of a set. It stays below the sign of its register.
+const HIGHEST_BEAT: u16 = 32767;
 /// After a failure the set is tried again after this time at the earliest.
 const RETRY: Duration = Duration::from_secs(1);
 
@@ -471,7 +474,8 @@ impl SetController {
 
     fn own(&self, settings: &SetSettings) -> OwnWords {
         let number = settings.has_number.then(|| self.transaction.next_number());
-        let beat = if self.demand.beat == Beat::Counts { next_beat(self.beat) } else { self.beat };
+        let beat =
+            if self.demand.beat == Beat::Counts { count_after(self.beat, HIGHEST_BEAT) } else { self.beat };
         OwnWords { number, beat, control: self.demand.control }
     }
 

@@ -54,11 +54,10 @@ impl Heartbeat {
         self.address.node().map_or(DataType::U16, Node::taken_as)
     }
 
-    /// What follows this count: it goes round above zero, as far as 16 bits of its type do.
-    pub fn after(&self, count: u16) -> u16 {
+    /// Largest count: its type may hold more, and 16 bits of that are used.
+    pub fn highest(&self) -> u16 {
         let highest = self.data_type().integer_range().map_or(0, |(_, highest)| highest);
-        let highest = u16::try_from(highest).unwrap_or(u16::MAX);
-        if count >= highest { 0 } else { count + 1 }
+        u16::try_from(highest).unwrap_or(u16::MAX)
     }
 
     /// Where it counts, and how often.

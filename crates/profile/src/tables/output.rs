@@ -38,10 +38,10 @@ pub(crate) mod writes;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Output", extend("x-layers" = "arrives"))]
 pub(crate) struct RawOutput {
-    /// Whose Cz.
+    /// Axis whose Cz is written.
     #[schemars(required)]
     pub(super) axis: Option<String>,
-    /// Where it goes.
+    /// Device that is written to.
     #[schemars(required)]
     pub(super) device: Option<String>,
     /// What of the device's template is written: its register, type and scale.
@@ -108,9 +108,9 @@ pub(crate) struct RawOutput {
 pub struct Output {
     /// Its name in the profile.
     pub name: String,
-    /// Whose Cz.
+    /// Axis whose Cz is written.
     pub axis: AxisId,
-    /// Where it goes.
+    /// Device that is written to.
     pub device: DeviceId,
     /// Its first register, its object, its place in a frame.
     pub address: Address,

@@ -6,12 +6,12 @@ use std::io::Read;
 use csv::StringRecord;
 
 use super::{
-    BEGIN, Beginning, CLOCK, CZ, DemandDetail, FAILURES, FAULT, HEADER, SEALED, SET, SET_BEGIN, SetBeginning,
-    SetDetail, Towards, WRITES, action, input,
+    BEGIN, Beginning, CLOCK, DemandDetail, EARLIER, FAILURES, FAULT, HEADER, MOST_REPETITIONS, Resumed,
+    Towards, Turn, WRITES, action, input,
 };
 use crate::gateway::log::LogError;
 use crate::gateway::log::reader::unreadable;
-use isotherm_core::output::{Action, Fact, Input, SetAction, SetInput};
+use isotherm_core::output::{Action, Fact, Input};
 use isotherm_core::quantity::{Counts, Moment, time};
 use isotherm_profile::regular::{self, Lines};
 
@@ -40,14 +40,14 @@ pub enum Entry {
         /// What was to be done next.
         action: Action,
     },
-    /// A set continues from this.
-    SetBegins(Box<SetBeginning>),
-    /// The controller of a set took an input, and asked for something.
-    SetStep {
-        /// The input.
-        input: SetInput,
-        /// Next exchange.
-        action: SetAction,
+    /// A controller with turns resumes from this.
+    Resumes(Box<Resumed>),
+    /// A controller had a turn.
+    Turn {
+        /// Repetitions of the turn before.
+        repetitions: u64,
+        /// The turn.
+        turn: Turn,
     },
     /// Something for people alone.
     Noted,
@@ -134,20 +134,30 @@ impl<R: Read> OutputLogReader<R> {
                 format!("{why}; another version of the program has written it: replay it with that one");
             self.error(line, DETAIL, why)
         };
-        let entry = match self.cell(FACT) {
-            BEGIN => Entry::Begins(serde_json::from_str(self.cell(DETAIL)).map_err(wrong)?),
-            SET_BEGIN => Entry::SetBegins(serde_json::from_str(self.cell(DETAIL)).map_err(wrong)?),
-            SET => {
-                let detail: SetDetail = serde_json::from_str(self.cell(DETAIL)).map_err(wrong)?;
-                Entry::SetStep { input: detail.input, action: detail.action }
+        let (fact, detail) = (self.cell(FACT), self.cell(DETAIL));
+        let entry = if let Some(resumed) = Resumed::parse(fact, detail) {
+            Entry::Resumes(Box::new(resumed.map_err(wrong)?))
+        } else if let Some(turn) = Turn::parse(fact, detail) {
+            Entry::Turn { repetitions: self.repetitions(line)?, turn: turn.map_err(wrong)? }
+        } else {
+            match fact {
+                BEGIN => Entry::Begins(serde_json::from_str(detail).map_err(wrong)?),
+                FAULT | WRITES | FAILURES | CLOCK => Entry::Noted,
+                earlier if EARLIER.contains(&earlier) => Entry::Noted,
+                _ => Entry::Step {
+                    input: self.with_detail(line, self.named(line, (FACT, VALUE, MOMENT), input)?)?,
+                    action: self.named(line, (ACTION, ACTION_VALUE, ACTION_UNTIL), action)?,
+                },
             }
-            CZ | FAULT | WRITES | FAILURES | CLOCK | SEALED => Entry::Noted,
-            _ => Entry::Step {
-                input: self.with_detail(line, self.named(line, (FACT, VALUE, MOMENT), input)?)?,
-                action: self.named(line, (ACTION, ACTION_VALUE, ACTION_UNTIL), action)?,
-            },
         };
         Ok(OutputRow { line, now, output: self.cell(OUTPUT).to_owned(), entry })
+    }
+
+    fn repetitions(&self, line: u64) -> Result<u64, LogError> {
+        let text = self.cell(VALUE);
+        let count = if text.is_empty() { Some(0) } else { text.parse().ok() };
+        let wrong = || self.error(line, VALUE, format!("`{text}` is no number of repetitions"));
+        count.filter(|count| *count <= MOST_REPETITIONS).ok_or_else(wrong)
     }
 
     /// A fact or an action, from where its name, its value and its moment stand.

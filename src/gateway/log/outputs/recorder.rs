@@ -4,13 +4,12 @@ use std::fmt::Display;
 use std::io::Write;
 
 use super::{
-    BEGIN, Beginning, CLOCK, CZ, Detail, FAILURES, FAULT, SET, SET_BEGIN, SetBeginning, SetDetail, WRITES,
-    cells_of_action, cells_of_input,
+    BEGIN, Beginning, CLOCK, Detail, FAILURES, FAULT, Resumed, Turn, WRITES, cells_of_action, cells_of_input,
 };
 use crate::clock::Correction;
-use crate::gateway::log::recorder::{cell, has_to_be_quoted, number};
-use isotherm_core::output::{Action, Input, SetAction, SetInput};
-use isotherm_core::quantity::{Micron, Moment, Shift, Shifted, time};
+use crate::gateway::log::recorder::{cell, has_to_be_quoted};
+use isotherm_core::output::{Action, Input};
+use isotherm_core::quantity::{Moment, Shift, Shifted, time};
 
 /// Turns what happens to outputs into rows, each with its line break.
 #[derive(Clone, Debug, Default)]
@@ -43,31 +42,24 @@ impl OutputRecorder {
         self.ends(",", &detail.map_or(String::new(), |detail| cell(&detail)))
     }
 
-    /// A set resumes from this state.
-    pub fn set_begin(&mut self, now: Moment, set: &str, beginning: SetBeginning) -> &[u8] {
+    /// A controller resumes from this state.
+    pub fn resume(&mut self, now: Moment, name: &str, resumed: &Resumed) -> &[u8] {
         // Numbers, names and lists of them always have a JSON form.
-        let detail = serde_json::to_string(&beginning.shifted(self.shift)).unwrap_or_default();
-        self.begins(now, set, SET_BEGIN);
+        let detail = serde_json::to_string(&resumed.clone().shifted(self.shift)).unwrap_or_default();
+        self.begins(now, name, resumed.name());
         self.ends(",,,,,,", &cell(&detail))
     }
 
-    /// The controller of a set took an input, and asked for something.
-    pub fn set_step(&mut self, now: Moment, set: &str, input: &SetInput, action: &SetAction) -> &[u8] {
-        let (input, shifted) = (input.clone().shifted(self.shift), action.clone().shifted(self.shift));
+    /// A controller had this turn, after as many repetitions of the one before.
+    pub fn turn(&mut self, now: Moment, name: &str, turn: &Turn, repetitions: u64) -> &[u8] {
         // Numbers, names and lists of them always have a JSON form.
-        let detail = serde_json::to_string(&SetDetail { input, action: shifted }).unwrap_or_default();
-        self.begins(now, set, SET);
+        let detail = serde_json::to_string(&turn.clone().shifted(self.shift)).unwrap_or_default();
+        let (row, action) = turn.names();
+        self.begins(now, name, row);
+        self.value_and_moment((repetitions > 0).then_some(repetitions), Moment::END);
         // Writing to a vector never fails.
-        let _ = write!(self.line, ",,,{}", action.name());
+        let _ = write!(self.line, ",{action}");
         self.ends(",,,", &cell(&detail))
-    }
-
-    /// The Cz that went into a position is another one.
-    pub fn cz(&mut self, now: Moment, output: &str, cz: Micron) -> &[u8] {
-        self.begins(now, output, CZ);
-        self.line.push(b',');
-        number(&mut self.line, cz.get());
-        self.ends(",,,,,", "")
     }
 
     /// What is written again and again was not.

@@ -2,14 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use super::{Entry, OutputRow, SetBeginning, message};
-use isotherm_core::output::{Controller, SetAction, SetInput, Settings};
+use super::{Entry, OutputRow, Resumed, Turn, message};
+use isotherm_core::output::{Controller, Settings};
+use isotherm_core::quantity::Moment;
 
 /// The outputs of a log as they go on.
 #[derive(Clone, Debug, Default)]
 pub struct OutputReplay {
     running: BTreeMap<String, Box<(Settings, Controller)>>,
-    sets: BTreeMap<String, Box<SetBeginning>>,
+    /// Controllers with turns, and the last turn of each.
+    resumed: BTreeMap<String, (Box<Resumed>, Option<Turn>)>,
 }
 
 /// What a row came to.
@@ -39,11 +41,13 @@ impl OutputReplay {
                 self.running.insert(row.output.clone(), Box::new((beginning.settings, controller)));
                 return Replayed::Nothing;
             }
-            Entry::SetBegins(beginning) => {
-                self.sets.insert(row.output.clone(), beginning.clone());
+            Entry::Resumes(resumed) => {
+                self.resumed.insert(row.output.clone(), (resumed.clone(), None));
                 return Replayed::Nothing;
             }
-            Entry::SetStep { input, action } => return self.set_row(row, input, action),
+            Entry::Turn { repetitions, turn } => {
+                return self.turn(&row.output, (*repetitions, turn), row.now);
+            }
             Entry::Noted => return Replayed::Nothing,
             Entry::Step { input, action } => (*input, *action),
         };
@@ -57,19 +61,22 @@ impl OutputReplay {
         Replayed::Different { recorded: message(recorded), replayed: message(replayed) }
     }
 
-    fn set_row(&mut self, row: &OutputRow, input: &SetInput, recorded: &SetAction) -> Replayed {
-        let Some(running) = self.sets.get_mut(&row.output) else { return Replayed::Unknown };
-        let SetBeginning { settings, set } = &mut **running;
-        let replayed = set.step(settings, input, row.now);
-        for controller in set.members_mut() {
-            let _ = controller.take_events();
+    /// Carries out a turn, and before it the repetitions of the one before.
+    fn turn(&mut self, name: &str, (repetitions, recorded): (u64, &Turn), now: Moment) -> Replayed {
+        let Some((resumed, last)) = self.resumed.get_mut(name) else { return Replayed::Unknown };
+        for _ in 0..repetitions {
+            let Some(turn) = last.take().map(Turn::again) else { return Replayed::Unknown };
+            let Some(replayed) = resumed.again(&turn, now) else { return Replayed::Unknown };
+            if !replayed.is_same_action(&turn) {
+                return Replayed::Different { recorded: turn.in_words(), replayed: replayed.in_words() };
+            }
+            *last = Some(replayed);
         }
-        let _ = set.take_faults();
+        let Some(replayed) = resumed.again(recorded, now) else { return Replayed::Unknown };
+        *last = Some(recorded.clone());
         if replayed == *recorded {
             return Replayed::Same;
         }
-        // Numbers, names and lists of them always have a JSON form.
-        let words = |action: &SetAction| serde_json::to_string(action).unwrap_or_default();
-        Replayed::Different { recorded: words(recorded), replayed: words(&replayed) }
+        Replayed::Different { recorded: recorded.in_words(), replayed: replayed.in_words() }
     }
 }

@@ -3,8 +3,7 @@ use std::time::Duration;
 use proptest::prelude::*;
 
 use super::*;
-use isotherm_core::output::{Controller, Rules, Verify};
-use isotherm_core::quantity::Micron;
+use isotherm_core::output::{Beat, Controller, Rules, Verify};
 
 const NOON: Moment = Moment::from_nanos(1_767_614_400_000_000_000);
 const MOMENTS: [Moment; 4] =
@@ -180,15 +179,18 @@ fn a_row_looks_like_this() {
         "2026-01-05T12:00:00.001500000Z,cnc_z,read,120,2026-01-05T12:00:00.000000000Z,write,121,\
          2026-01-05T12:00:00.001500000Z,\n"
     );
-    let row = recorder.cz(at, "readout_z", Micron::new(-1.5).unwrap()).to_vec();
-    assert_eq!(std::str::from_utf8(&row).unwrap(), "2026-01-05T12:00:00.001500000Z,readout_z,cz,-1.5,,,,,\n");
+    let turn = Turn::Heartbeat(HeartbeatTurn { beat: Beat::Counts, count: Some(7) });
+    assert_eq!(
+        std::str::from_utf8(recorder.turn(at, "heartbeat", &turn, 59)).unwrap(),
+        "2026-01-05T12:00:00.001500000Z,heartbeat,heartbeat,59,,write,,,\"{\"\"beat\"\":\"\"counts\"\",\"\"count\"\":7}\"\n"
+    );
 }
 
 #[test]
 fn what_is_only_counted_is_passed_over() {
     let mut recorder = OutputRecorder::default();
     let mut log = HEADER.as_bytes().to_vec();
-    log.extend_from_slice(recorder.cz(NOON, "readout_z", Micron::ZERO));
+    log.extend_from_slice(b"2026-01-05T12:00:00Z,readout_z,cz,-1.5,,,,,\n");
     log.extend_from_slice(recorder.fault(NOON, "readout_z", "no answer, \"late\""));
     log.extend_from_slice(recorder.writes(NOON, "heartbeat", 60, NOON));
     log.extend_from_slice(recorder.failures(NOON, "set block", 1, NOON));

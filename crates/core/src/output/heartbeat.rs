@@ -1,0 +1,54 @@
+//! Heartbeats: a count by which a control sees that the gateway runs and steps the axes in time.
+
+use serde::{Deserialize, Serialize};
+
+/// Heartbeat in the next request.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Beat {
+    /// No request for its sake: no axis was armed yet, or this is a dry run.
+    #[default]
+    Silent,
+    /// Unchanged count: the axes were not stepped in time.
+    Stands,
+    /// Next count in each request.
+    Counts,
+}
+
+/// Controller of a heartbeat in a register of its own. A request that failed is not made up for: the next beat follows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HeartbeatController {
+    count: u16,
+}
+
+impl HeartbeatController {
+    /// Returns the count to write. `highest`: largest count of the register.
+    pub fn next(&mut self, beat: Beat, highest: u16) -> Option<u16> {
+        if beat == Beat::Counts {
+            self.count = count_after(self.count, highest);
+        }
+        (beat != Beat::Silent).then_some(self.count)
+    }
+}
+
+/// Count after this one; zero after the highest.
+pub(super) fn count_after(count: u16, highest: u16) -> u16 {
+    if count >= highest { 0 } else { count + 1 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_heartbeat_counts_stands_or_is_silent_and_starts_again_after_its_highest_count() {
+        let mut one = HeartbeatController { count: 65534 };
+        let beats = [Beat::Silent, Beat::Counts, Beat::Stands, Beat::Counts, Beat::Silent, Beat::Counts];
+        let counts = beats.map(|beat| one.next(beat, u16::MAX));
+        assert_eq!(counts, [None, Some(65535), Some(65535), Some(0), None, Some(1)]);
+        assert_eq!(
+            (count_after(0, 32767), count_after(32766, 32767), count_after(32767, 32767)),
+            (1, 32767, 0)
+        );
+    }
+}

@@ -1,0 +1,146 @@
+//! Turns of corrected positions and of the heartbeat: what repeats is counted, and all of them are replayed.
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::gateway::log::outputs::{
+    ControllerState, Entry, HEADER, HeartbeatTurn, OutputLogReader, OutputReplay, Replayed, Resumed,
+    ResumedHeartbeat, ResumedPosition, Turn,
+};
+use isotherm_core::output::{
+    Beat, Condition, HeartbeatController, PositionAction, PositionController, PositionDecision,
+    PositionDemand, PositionResult, PositionTurn, Trouble,
+};
+use isotherm_core::quantity::Micron;
+use isotherm_profile::OutputId;
+
+/// A readout and a heartbeat, whose rows are in memory.
+struct Bench {
+    log: OutputsLog,
+    jobs: Receiver<Job>,
+    position: PositionController,
+    heartbeat: HeartbeatController,
+    decision: Option<PositionDecision>,
+    now: Moment,
+    /// Turns that asked for something, or changed a controller.
+    turns: u64,
+}
+
+fn micron(value: f64) -> Micron {
+    Micron::new(value).unwrap()
+}
+
+impl Bench {
+    fn new() -> Bench {
+        let (queue, jobs) = sync_channel(OUTPUT_QUEUE);
+        let log = OutputsLog::of(["readout_z", "heartbeat"].map(str::to_owned), (1, 0), queue);
+        let (position, heartbeat) = Default::default();
+        Bench { log, jobs, position, heartbeat, decision: None, now: noon(), turns: 0 }
+    }
+
+    /// 100 ms in which everything may happen, and mostly nothing new does.
+    fn goes_on(&mut self, chance: u16) {
+        self.now = self.now.after(Duration::from_millis(100));
+        if chance.is_multiple_of(8) {
+            let cz = |value: u16| micron(f64::from(value % 3));
+            let decision = PositionDecision { cz: cz(chance >> 3), target: cz(chance >> 5), at: self.now };
+            self.decision = (chance >> 8 > 8).then_some(decision);
+        }
+        let demand = PositionDemand {
+            read_at: self.now,
+            is_usable: chance >> 4 != 5,
+            decision: self.decision,
+            interlock: if chance % 100 < 10 { Condition::NotMet } else { Condition::Met },
+            backs_off: chance % 100 == 17,
+            may_show_dashes: chance.is_multiple_of(2),
+        };
+        let before = self.position;
+        let (action, _) = self.position.next(&demand, micron(1.0), self.now);
+        let result = match action {
+            PositionAction::Correct(_) if chance % 50 == 3 => Some(PositionResult::NotShown),
+            PositionAction::Correct(_) if chance % 50 == 4 => Some(PositionResult::Failed {
+                trouble: Trouble::Link,
+                may_have_arrived: chance.is_multiple_of(4),
+            }),
+            PositionAction::Correct(_) | PositionAction::ShowDashes => Some(PositionResult::Written),
+            _ => None,
+        };
+        let turn = PositionTurn { demand, action, result };
+        self.position.result(&turn, self.now);
+        let state = ControllerState::Position;
+        let ended =
+            TurnEnded { before: state(before), turn: Turn::Position(turn), after: state(self.position) };
+        self.turns += u64::from(!ended.turn.is_idle() || !ended.before.is_like(&ended.after));
+        let resumed = || Resumed::Position(ResumedPosition { step: micron(1.0), position: before });
+        self.log.turned(Steady::Position(OutputId(0)), ended, resumed, self.now);
+        self.log.wrote(Steady::Position(OutputId(0)), self.now);
+        self.beats([Beat::Silent, Beat::Stands, Beat::Counts, Beat::Counts][usize::from(chance >> 14)]);
+    }
+
+    fn beats(&mut self, beat: Beat) {
+        let before = self.heartbeat;
+        let Some(count) = self.heartbeat.next(beat, 9) else { return };
+        self.turns += 1;
+        let (turn, state) = (HeartbeatTurn { beat, count: Some(count) }, ControllerState::Heartbeat);
+        let (turn, after) = (Turn::Heartbeat(turn), state(self.heartbeat));
+        let resumed = || Resumed::Heartbeat(ResumedHeartbeat { highest: 9, heartbeat: before });
+        self.log.turned(
+            Steady::Heartbeat,
+            TurnEnded { before: state(before), turn, after },
+            resumed,
+            self.now,
+        );
+        self.log.wrote(Steady::Heartbeat, self.now);
+    }
+
+    fn rows(mut self) -> String {
+        self.log.count_for_the_last_time(self.now);
+        let mut text = HEADER.to_owned();
+        for job in self.jobs.try_iter() {
+            let Job::OutputRow { row, .. } = job else { panic!("{job:?}") };
+            text += std::str::from_utf8(&row).unwrap();
+        }
+        text
+    }
+}
+
+/// Turns that a log gives again, with those that it counts.
+fn replayed(text: &str) -> u64 {
+    let mut reader = OutputLogReader::open(text.as_bytes(), "day").unwrap();
+    let (mut replay, mut turns) = (OutputReplay::default(), 0);
+    while let Some(row) = reader.next_row().unwrap() {
+        match (replay.row(&row), &row.entry) {
+            (Replayed::Same, Entry::Turn { repetitions, .. }) => turns += repetitions + 1,
+            (Replayed::Nothing, Entry::Resumes(_) | Entry::Noted) => {}
+            (other, _) => panic!("line {}: {other:?}\n{text}", row.line),
+        }
+    }
+    turns
+}
+
+#[test]
+fn a_readout_that_shows_the_same_cz_for_an_hour_has_a_row_a_minute() {
+    let mut bench = Bench::new();
+    bench.goes_on(0xc808);
+    (0..36_000).for_each(|_| bench.goes_on(65_021));
+    assert!(bench.turns > 36_000, "{}", bench.turns);
+    let turns = bench.turns;
+    let text = bench.rows();
+    assert_eq!(replayed(&text), turns);
+    let rows = text.lines().count();
+    assert!(rows < 5 * 60, "{rows} rows");
+}
+
+proptest! {
+    #[test]
+    fn whatever_happens_every_turn_of_a_readout_and_of_a_heartbeat_comes_out_again(
+        chances in prop::collection::vec((any::<u16>(), 1..30_usize), 1..40),
+    ) {
+        let mut bench = Bench::new();
+        for (chance, times) in chances {
+            (0..times).for_each(|_| bench.goes_on(chance));
+        }
+        let turns = bench.turns;
+        prop_assert_eq!(replayed(&bench.rows()), turns);
+    }
+}
