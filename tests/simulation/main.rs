@@ -64,7 +64,7 @@ fn fresh_seeds_hold_the_laws() {
 
 #[test]
 fn sensors_and_control_that_are_servers_of_nodes_hold_the_same_laws() {
-    let fresh = number("TEST_SEEDS", 10) / 5;
+    let fresh = number("TEST_SEEDS", 10) / 10;
     let seeds: Vec<u64> = (1..=fresh).chain(MENDED).collect();
     let many = Many::run(&day::profile_of_nodes(), &seeds, DAY, 2, false);
     assert_eq!(many.broken, [], "{many}");

@@ -196,7 +196,7 @@ fn covered(log: &Path) -> (Duration, u32) {
 
 #[test]
 fn days_of_wrong_clocks_kills_and_lost_state_lose_no_row_no_event_and_no_micrometre() {
-    let hours = std::env::var(HOURS).map_or(12, |hours| hours.parse().unwrap());
+    let hours = std::env::var(HOURS).map_or(6, |hours| hours.parse().unwrap());
     let mut left = Duration::from_hours(hours);
     let home = tempfile::tempdir().unwrap();
     fs::create_dir(home.path().join("state")).unwrap();
