@@ -92,7 +92,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
             "the node has another type: write its own at the output; a browser of the server shows it"
         }
         Fault::Status(status) if status.is(Status::NO_SUCH_NODE) => {
-            "there is no such node: is its name right, is its namespace (`ns`) still the same after an update of the server?"
+            "there is no such node: is its name right, is its namespace still the same after an update of the server (`isotherm read --browse` shows the namespaces)?"
         }
         Fault::Status(status) if status.is(Status::OUT_OF_RANGE) => {
             "the server takes no such value there: is the scale right, are the axis's limit and the node's range?"

@@ -1,7 +1,7 @@
 //! An OPC UA server, spoken to by the library async-opcua: binary over TCP, on sockets of ours.
 //!
 //! ```text
-//! dial ─► endpoints ─► trusted? ─► secure channel ─► session (the one from before, or a new one) ─► limits
+//! dial ─► endpoints ─► trusted? ─► secure channel ─► session (the one from before, or a new one) ─► limits, namespaces
 //! wire ─► one Read or Write call at a time; nothing is sent that nobody has asked for
 //!         but for a Publish request of each subscription, which waits at the server: it is renewed as its values are asked for
 //! ```
@@ -12,6 +12,8 @@
 //!   does not run out of them.
 //! - A certificate is trusted where it is, byte for byte, one of those in the profile's directory, and its time is not over. No
 //!   authority is asked, and no name in it is compared.
+//! - A namespace that the profile names by its URI has the index that the server gave it when the connection was opened. A node
+//!   whose namespace the server does not have is not sent to it: it is a node that is not there.
 //! - An answer whose number is nobody's is passed over by the library. It is never taken for another's.
 //!
 //! [`DeviceLine`]: super::line::DeviceLine
@@ -44,6 +46,7 @@ mod chunks;
 mod contained;
 mod endpoint;
 mod files;
+mod namespaces;
 pub mod offer;
 mod publishing;
 mod session;
@@ -115,6 +118,7 @@ impl OpcUaDial {
             None => self.begin(files).await?,
         };
         let limits = known.session.limits(&mut link).await?;
+        known.session.read_namespaces(&mut link).await?;
         let wire = OpcUa::new(link, known.session.clone(), limits);
         self.known = Some(known);
         Ok(Connection::Other(Box::new(wire)))

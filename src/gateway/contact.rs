@@ -264,6 +264,11 @@ impl DeviceCount {
         self.answered && self.lost.is_none()
     }
 
+    /// Returns whether its loss was reported, and not its return.
+    pub(super) fn is_reported_lost(&self) -> bool {
+        self.lost.as_ref().is_some_and(|lost| lost.reported.is_some())
+    }
+
     /// Returns whether the last request was not answered.
     pub(super) fn does_not_answer(&self) -> bool {
         self.lost.as_ref().is_some_and(|lost| lost.answers_since.is_none())

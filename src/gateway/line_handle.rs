@@ -113,8 +113,8 @@ impl LineHandle {
         }
     }
 
-    /// Whether heartbeats are sent and count. They go on from the first arming, or where the profile arms from the first good reading,
-    /// until the process ends.
+    /// Returns the heartbeat of the next request. Heartbeats begin with the first arming or, if the profile arms, with the first valid
+    /// reading. They end with the process.
     pub(super) fn beat(&self, now: Moment) -> Beat {
         let (core, arm) = (self.core(), self.profile.arm);
         if self.dry_run || !(core.was_armed || (arm == Arm::Auto && core.has_read)) {

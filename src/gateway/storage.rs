@@ -30,7 +30,7 @@ mod thread;
 
 use events::EventsWake;
 use outputs::OutputsLog;
-pub(super) use outputs::{Steady, Stepped, TurnEnded};
+pub(super) use outputs::{Steady, Stepped, TurnRecord};
 use stamps::{Stamped, Stamps};
 use thread::StorageThread;
 

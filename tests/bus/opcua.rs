@@ -8,6 +8,7 @@ use crate::support::device::gateway;
 mod grinder;
 mod held;
 mod hostile;
+mod namespaces;
 mod nodes;
 use crate::support::process;
 mod rig;

@@ -20,6 +20,7 @@ forget               every subscription is ended, and nobody is told
 subscriptions        prints how many there are
 reads                prints how often nodes of these were read by a call
 read NAME            prints what the node holds
+other NAME           prints what the node of this name holds in the first namespace of another machine
 taken                prints how many logins there are, and how many lists of nodes are kept for whoever asks on
 
 Each is acknowledged with a line. Every tenth of a second each value is stamped anew, as a control does that measures."""
@@ -55,6 +56,8 @@ parser.add_argument("--journal", help="a file to which is added what is told, wr
 parser.add_argument("--many", type=int, default=0, help="so many nodes more: many0, many1, …")
 parser.add_argument("--changing", action="store_true", help="each of the many changes every tenth of a second")
 parser.add_argument("--interval", type=float, default=0, help="subscriptions send no sooner than this, milliseconds")
+parser.add_argument("--before", type=int, default=0, help="so many namespaces of other machines come first, with nodes of the same names")
+parser.add_argument("--twice", action="store_true", help="the namespace of the machine is there twice")
 arguments = parser.parse_args()
 
 journal = open(arguments.journal, "a", buffering=1) if arguments.journal else None
@@ -138,7 +141,19 @@ async def main():
     if arguments.user_cert:
         tokens = [ua.X509IdentityToken]
     server.set_identity_tokens(tokens)
+    others = []
+    for place in range(arguments.before):
+        other = await server.register_namespace(f"urn:other{place}")
+        others.append({})
+        for name, (value, kind) in NODES.items():
+            value = 90.0 if name == "bed" else value
+            node = await server.nodes.objects.add_variable(ua.NodeId(name, other), name, value, kind)
+            await node.set_writable()
+            others[place][name] = node
     space = await server.register_namespace("urn:test")
+    if arguments.twice:
+        array = server.get_node(ua.ObjectIds.Server_NamespaceArray)
+        await array.write_value([*await array.read_value(), "urn:test"])
     nodes, held, status, late = {}, {}, {}, {}
     for name, (value, kind) in NODES.items():
         node = await server.nodes.objects.add_variable(ua.NodeId(name, space), name, value, kind)
@@ -376,6 +391,8 @@ async def main():
                     answer = str(reads[0])
                 case ["open"]:
                     answer = str(len(server.iserver._external_sessions))
+                case ["other", name]:
+                    answer = str(await others[0][name].read_value())
                 case ["read", name]:
                     answer = str(held[name].Value)
                 case _:

@@ -175,13 +175,9 @@ fn the_words_of_opc_ua_and_of_other_programs_are_answered_with_those_of_a_profil
         "\"Basic",
         &["that is a policy: write \"sign-and-encrypt\", the strongest policy that both ends know is taken"],
     );
-    no_server(
-        "ns=3;i=1005",
-        "nsu=urn:nck;i=1005",
-        "signal.scale_z.node",
-        "\"nsu",
-        &["by its index, as `ns=2;"],
-    );
+    no_server("ns=3;i=1005", "nsu=urn:50%;i=1005", "signal.scale_z.node", "\"nsu", &["is written %25"]);
+    let by_uri = parse(&SERVER.replace("ns=3;i=1005", "nsu=urn:nck;i=1005")).unwrap().profile;
+    assert_eq!(by_uri.signals[1].address.to_string(), "node nsu=urn:nck;i=1005");
     let verify = "every = \"1s\"\nverify = [ { type = \"i32\", equals = 3 } ]\n";
     no_server("every = \"1s\"\n", verify, "device.cnc.verify[0].node", "{", &["which node is read?"]);
     let verify = "every = \"1s\"\nverify = [ { node = \"ns=2;s=state\", equals = 3 } ]\n";

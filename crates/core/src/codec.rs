@@ -29,7 +29,7 @@ pub use control_view::{ControlView, Inadmissible};
 pub use counter::{Counter, Motion, Tracked};
 pub use data_type::DataType;
 pub use field::{Field, Selector};
-pub use node::{Identifier, Node, NodeId, Scalar};
+pub use node::{Identifier, Namespace, Node, NodeId, Scalar};
 pub use object::{Entry, Object};
 pub use pc_sensor::{Channel, PcSensor};
 pub use scale::Scale;

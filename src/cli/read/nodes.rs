@@ -4,7 +4,7 @@ use crate::cli::say::{say, say_beside};
 use crate::cli::target::Target;
 use crate::cli::{print_json, refuse, runtime};
 use crate::discovery::opcua::{Described, browse, in_a_line};
-use isotherm_core::codec::NodeId;
+use isotherm_core::codec::{Namespace, NodeId};
 use isotherm_profile::{Bus, one_line};
 
 /// The folder that all of a server's own hangs below.
@@ -42,6 +42,13 @@ pub(super) fn run(target: &Target, nodes: &Nodes, json: bool) -> anyhow::Result<
         return print_json(&tree);
     }
     tree.nodes.iter().try_for_each(|node| say!("{}", line(node)))?;
+    for (index, uri) in &tree.namespaces {
+        let named = Namespace::Uri(uri.clone()).to_string();
+        say_beside!(
+            "ns={index} is {} here: named so, a node is found also if the server numbers its namespaces otherwise",
+            one_line(&named)
+        );
+    }
     if tree.is_cut {
         say_beside!(
             "there are more: --most N shows more than {}, --browse NODE begins at one of these",

@@ -3,7 +3,7 @@
 //! One node is looked below at a time, and its references come in as many answers as the server wants: no server's limit on
 //! nodes, references or continuation points is met.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::time::Duration;
 
 use ::opcua::client::UARequest;
@@ -20,7 +20,7 @@ use serde::{Serialize, Serializer};
 use super::channel::Link;
 use super::session::Session;
 use super::status::call_fault;
-use super::value::{for_people, node_id, number_type};
+use super::value::{for_people, number_type};
 use super::{OPENING, OpcUaDial, fault};
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
 use crate::fieldbus::opcua_fault::OpcUaFault;
@@ -98,6 +98,8 @@ pub struct Tree {
     pub nodes: Vec<Described>,
     /// There are more than were to be shown.
     pub is_cut: bool,
+    /// URIs of their namespaces, by index; without OPC UA's own.
+    pub namespaces: BTreeMap<u16, String>,
 }
 
 /// A node that was found.
@@ -131,6 +133,7 @@ impl Browser {
         files.own_is_valid().map_err(fault)?;
         let (mut link, known) = dial.begin(files).await?;
         let limits = known.session.limits(&mut link).await?;
+        known.session.read_namespaces(&mut link).await?;
         let (session, timeout) = (known.session, bus.timeout.max(Duration::from_secs(1)));
         Ok(Browser { link, session, timeout, most: limits.read.min(AT_ONCE) })
     }
@@ -141,7 +144,8 @@ impl Browser {
     /// # Errors
     /// There is no such node, or the line fails.
     pub async fn tree(&mut self, first: &codec::NodeId, depth: usize, most: usize) -> Result<Tree, Fault> {
-        let first = node_id(first).ok_or(Fault::Caller(CallerFault::Extent))?;
+        let namespaces = self.session.namespaces();
+        let first = namespaces.node_id(first)?.ok_or(Fault::Status(Status::NO_SUCH_NODE))?;
         let known = self.described(std::slice::from_ref(&first)).await?;
         let unknown = known.iter().find(|node| node.variable.is_none() && !node.status.is_good());
         if let Some(Described { status, .. }) = unknown {
@@ -176,7 +180,13 @@ impl Browser {
         let ids: Vec<NodeId> = order.iter().map(|place| place.id.clone()).collect();
         let depths = order.iter().map(|place| place.depth);
         let nodes = self.described(&ids).await?.into_iter().zip(depths);
-        Ok(Tree { nodes: nodes.map(|(node, depth)| Described { depth, ..node }).collect(), is_cut })
+        let used: BTreeSet<u16> = ids.iter().map(|id| id.namespace).filter(|index| *index != 0).collect();
+        let uri = |index: u16| Some((index, namespaces.uri(index)?.to_owned()));
+        Ok(Tree {
+            nodes: nodes.map(|(node, depth)| Described { depth, ..node }).collect(),
+            is_cut,
+            namespaces: used.into_iter().filter_map(uri).collect(),
+        })
     }
 
     /// What each of these nodes says of itself.
@@ -184,8 +194,21 @@ impl Browser {
     /// # Errors
     /// The line fails.
     pub async fn describe(&mut self, nodes: &[codec::NodeId]) -> Result<Vec<Described>, Fault> {
-        let ids: Option<Vec<NodeId>> = nodes.iter().map(node_id).collect();
-        self.described(&ids.ok_or(Fault::Caller(CallerFault::Extent))?).await
+        let namespaces = self.session.namespaces();
+        let ids: Result<Vec<Option<NodeId>>, Fault> =
+            nodes.iter().map(|node| namespaces.node_id(node)).collect();
+        let ids = ids?;
+        let known: Vec<NodeId> = ids.iter().flatten().cloned().collect();
+        let mut found = self.described(&known).await?.into_iter();
+        let not_there = |node: &codec::NodeId| {
+            let (node, name) = (node.to_string(), String::new());
+            Described { node, depth: 0, name, variable: None, status: Status::NO_SUCH_NODE }
+        };
+        let each = nodes.iter().zip(&ids).map(|(node, id)| {
+            let found = id.as_ref().and_then(|_| found.next());
+            found.unwrap_or_else(|| not_there(node))
+        });
+        Ok(each.collect())
     }
 
     /// Gives its place at the server back.

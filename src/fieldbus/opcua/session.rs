@@ -10,11 +10,12 @@ use ::opcua::crypto::{PrivateKey, SecurityPolicy, X509, random, verify_signature
 use ::opcua::types::{
     ApplicationDescription, ApplicationType, AttributeId, ByteString, CreateSessionRequest, DateTime,
     EndpointDescription, Error, GetEndpointsRequest, NodeId, ReadValueId, RequestHeader, StatusCode,
-    TimestampsToReturn, VariableId,
+    TimestampsToReturn, VariableId, Variant,
 };
 
 use super::channel::{Link, patience};
 use super::endpoint::{is_confirmed, security_of};
+use super::namespaces::Namespaces;
 use super::status::{call_fault, dial_fault};
 use super::{OPENING, fault};
 use crate::fieldbus::error::Fault;
@@ -41,6 +42,8 @@ struct Held {
     nonce: ByteString,
     /// What it has been given in the session, and not given back.
     subscriptions: Vec<u32>,
+    /// Namespaces of the server.
+    namespaces: Namespaces,
 }
 
 /// How many nodes a server takes in one call.
@@ -196,6 +199,7 @@ impl Session {
             token: made.authentication_token.clone(),
             nonce: made.server_nonce.clone(),
             subscriptions: Vec::new(),
+            namespaces: Namespaces::default(),
         })
     }
 
@@ -244,16 +248,36 @@ impl Session {
 
     /// What the server has as this limit of its own.
     pub(super) async fn most(&self, link: &mut Link, limit: VariableId) -> Result<usize, Error> {
+        let most = match self.value(link, limit).await? {
+            Some(Variant::UInt32(most)) if most > 0 => usize::try_from(most).ok(),
+            _ => None,
+        };
+        Ok(most.unwrap_or(usize::MAX))
+    }
+
+    /// Asks the server for its namespaces.
+    pub(super) async fn read_namespaces(&self, link: &mut Link) -> Result<(), Fault> {
+        let array = self.value(link, VariableId::Server_NamespaceArray).await;
+        let namespaces = Namespaces::of(array.map_err(|error| call_fault(&error))?.as_ref());
+        if let Some(held) = self.lock().as_mut() {
+            held.namespaces = namespaces;
+        }
+        Ok(())
+    }
+
+    /// Namespaces of the server when the connection was opened.
+    pub(super) fn namespaces(&self) -> Namespaces {
+        self.lock().as_ref().map_or_else(Namespaces::default, |held| held.namespaces.clone())
+    }
+
+    /// Value of one of the server's own variables.
+    async fn value(&self, link: &mut Link, variable: VariableId) -> Result<Option<Variant>, Error> {
         let channel = link.channel.clone();
         let read = Read::new_manual(0, OPENING, self.token(), channel.request_handle())
             .timestamps_to_return(TimestampsToReturn::Neither)
-            .node(value_of(limit.into()));
+            .node(value_of(variable.into()));
         let found = link.ask(read.send(&channel)).await?.results.unwrap_or_default();
-        let most = found.first().and_then(|found| match found.value {
-            Some(::opcua::types::Variant::UInt32(most)) if most > 0 => usize::try_from(most).ok(),
-            _ => None,
-        });
-        Ok(most.unwrap_or(usize::MAX))
+        Ok(found.into_iter().next().and_then(|found| found.value))
     }
 
     /// The server has given it this subscription.

@@ -19,15 +19,16 @@ use ::opcua::core::ResponseMessage;
 use ::opcua::types::{
     CreateMonitoredItemsRequest, CreateSubscriptionResponse, DataChangeFilter, DataChangeNotification,
     DataChangeTrigger, DataValue, DateTime, Error, ExtensionObject, MonitoredItemCreateRequest,
-    MonitoringMode, MonitoringParameters, PublishResponse, StatusChangeNotification, StatusCode,
+    MonitoringMode, MonitoringParameters, NodeId, PublishResponse, StatusChangeNotification, StatusCode,
     TimestampsToReturn,
 };
+use isotherm_core::codec::Node;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::plan::Subscription;
 
 use super::channel::Link;
 use super::session::{Session, header, refused, value_of};
-use super::value::{node_id, reading, since};
+use super::value::{reading, since};
 use crate::fieldbus::wire::{NodeReading, Stamped};
 
 /// So many nodes are subscribed to in one call at most: a request stays as small as any server takes it.
@@ -144,10 +145,17 @@ pub(super) async fn subscribe(
     let made = link.ask(create.send(&channel)).await?;
     session.subscribes(made.subscription_id);
     let mut revised = Revised::of(&made);
+    let (namespaces, unknown) = (session.namespaces(), StatusCode::BadNodeIdUnknown);
+    let node_id = |node: &Node| namespaces.node_id(&node.id).ok().flatten();
     let mut values = Vec::with_capacity(asked.nodes.len());
-    for some in asked.nodes.chunks(most.clamp(1, AT_ONCE)) {
-        let first = values.len();
-        let items = some.iter().zip(first..).map(|(node, place)| item(node, place, asked));
+    let mut known = Vec::with_capacity(asked.nodes.len());
+    for (place, node) in asked.nodes.iter().enumerate() {
+        let id = node_id(node);
+        values.push(id.is_none().then(|| without_value(unknown)));
+        known.extend(id.map(|id| (place, id)));
+    }
+    for some in known.chunks(most.clamp(1, AT_ONCE)) {
+        let items = some.iter().map(|(place, id)| item(id.clone(), *place, asked));
         let items: Option<Vec<_>> = items.collect();
         let request = CreateMonitoredItemsRequest {
             request_header: header(&session.token(), channel.request_handle(), session.patience()),
@@ -167,7 +175,7 @@ pub(super) async fn subscribe(
         if results.len() != some.len() {
             return Err(Error::new(StatusCode::BadUnknownResponse, "another number of nodes"));
         }
-        for made in results {
+        for ((place, _), made) in some.iter().zip(results) {
             if is_of_the_subscription(made.status_code) {
                 return Err(Error::new(made.status_code, "refused"));
             }
@@ -175,8 +183,7 @@ pub(super) async fn subscribe(
             if is_taken {
                 revised.sampling = revised.sampling.max(milliseconds(made.revised_sampling_interval));
             }
-            values
-                .push((!is_taken).then(|| DataValue { status: Some(made.status_code), ..DataValue::null() }));
+            values[*place] = (!is_taken).then(|| without_value(made.status_code));
         }
     }
     let subscribed = Subscribed {
@@ -194,6 +201,10 @@ pub(super) async fn subscribe(
     Ok((subscribed, revised))
 }
 
+fn without_value(status: StatusCode) -> DataValue {
+    DataValue { status: Some(status), ..DataValue::null() }
+}
+
 /// Nothing is wrong with the node: the server does not send it.
 fn is_of_the_subscription(status: StatusCode) -> bool {
     matches!(
@@ -207,16 +218,12 @@ fn is_of_the_subscription(status: StatusCode) -> bool {
 }
 
 /// The newest value of a node, by its place.
-fn item(
-    node: &isotherm_core::codec::Node,
-    place: usize,
-    asked: &Subscription,
-) -> Option<MonitoredItemCreateRequest> {
+fn item(node: NodeId, place: usize, asked: &Subscription) -> Option<MonitoredItemCreateRequest> {
     let trigger =
         if asked.by_stamp { DataChangeTrigger::StatusValueTimestamp } else { DataChangeTrigger::StatusValue };
     let filter = DataChangeFilter { trigger, deadband_type: 0, deadband_value: 0.0 };
     Some(MonitoredItemCreateRequest {
-        item_to_monitor: value_of(node_id(&node.id)?),
+        item_to_monitor: value_of(node),
         monitoring_mode: MonitoringMode::Reporting,
         requested_parameters: MonitoringParameters {
             client_handle: u32::try_from(place).ok()?,

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use ::opcua::types::{ByteString, DataValue, DateTime, Guid, NodeId, Variant, VariantScalarTypeId};
-use isotherm_core::codec::{DataType, Identifier, Node, Scalar};
+use ::opcua::types::{DataValue, DateTime, Variant, VariantScalarTypeId};
+use isotherm_core::codec::{DataType, Node, Scalar};
 use isotherm_core::reading::{Reason, Status};
 
 use crate::fieldbus::wire::{NodeReading, Stamped};
@@ -12,17 +12,6 @@ use crate::fieldbus::wire::{NodeReading, Stamped};
 const APART: Duration = Duration::from_secs(1);
 /// Ticks of OPC UA's time, 100 ns each, in a second.
 const TICKS: u64 = 10_000_000;
-
-/// The node as the library has it; `None` where it is none there.
-pub(super) fn node_id(id: &isotherm_core::codec::NodeId) -> Option<NodeId> {
-    let namespace = id.namespace;
-    Some(match &id.identifier {
-        Identifier::Number(number) => NodeId::new(namespace, *number),
-        Identifier::Text(text) => NodeId::new(namespace, text.as_str()),
-        Identifier::Guid(text) => NodeId::new(namespace, text.parse::<Guid>().ok()?),
-        Identifier::Opaque(text) => NodeId::new(namespace, ByteString::from_base64(text)?),
-    })
-}
 
 /// What a server has sent of a node in an answer of this moment, both by its own clock. The time that it may stamp a value with
 /// itself is not looked at: some stamp with it when the value came to them.

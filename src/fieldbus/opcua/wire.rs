@@ -4,9 +4,11 @@ use std::time::Duration;
 
 use ::opcua::client::UARequest;
 use ::opcua::client::services::{Read, Write};
-use ::opcua::types::{AttributeId, DataValue, DateTime, Error, TimestampsToReturn, VariableId, WriteValue};
+use ::opcua::types::{
+    AttributeId, DataValue, DateTime, Error, NodeId, TimestampsToReturn, VariableId, WriteValue,
+};
 use isotherm_core::codec::Node;
-use isotherm_core::reading::Status;
+use isotherm_core::reading::{Reason, Status};
 use isotherm_profile::plan::Subscription;
 
 use super::OPENING;
@@ -14,10 +16,10 @@ use super::channel::Link;
 use super::publishing::{Latest, Publishing};
 use super::session::{Limits, Session, value_of};
 use super::status::{all_written, call_fault, is_of_the_session};
-use super::value::{node_id, reading, variant};
+use super::value::{reading, variant};
 use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
-use crate::fieldbus::wire::{Answer, Boxed, Ending, NodeRequest, Request, Wire};
+use crate::fieldbus::wire::{Answer, Boxed, Ending, NodeReading, NodeRequest, Request, Stamped, Wire};
 
 /// An open session on an open channel.
 pub(super) struct OpcUa {
@@ -67,10 +69,14 @@ impl OpcUa {
         }
     }
 
-    /// As many calls as the server's limit needs. All of it is as old as the first.
+    /// As many calls as the server's limit needs. All of it is as old as the first. A node whose namespace the server does not have is not
+    /// asked for.
     async fn read(&mut self, nodes: &[Node], departure: &mut Departure) -> Result<Answer, Fault> {
-        let ids: Option<Vec<_>> = nodes.iter().map(|node| node_id(&node.id).map(value_of)).collect();
-        let mut ids = ids.ok_or(Fault::Caller(CallerFault::Extent))?;
+        let namespaces = self.session.namespaces();
+        let known: Result<Vec<Option<NodeId>>, Fault> =
+            nodes.iter().map(|node| namespaces.node_id(&node.id)).collect();
+        let known = known?;
+        let mut ids: Vec<_> = known.iter().flatten().cloned().map(value_of).collect();
         let mut found = Vec::with_capacity(nodes.len());
         departure.leave()?;
         while !ids.is_empty() {
@@ -83,8 +89,12 @@ impl OpcUa {
             }
             found.extend(values.into_iter().map(|value| (value, answered)));
         }
-        let found = nodes.iter().zip(&found);
-        Ok(Answer::Nodes(found.map(|(node, (value, answered))| reading(node, value, *answered)).collect()))
+        let mut found = found.iter();
+        let each = nodes.iter().zip(&known).map(|(node, known)| {
+            let found = known.as_ref().and_then(|_| found.next());
+            found.map_or_else(not_there, |(value, answered)| reading(node, value, *answered))
+        });
+        Ok(Answer::Nodes(each.collect()))
     }
 
     /// Each value in its node's own type, without a time or a quality: many servers take no others. All of them in one call, or
@@ -99,13 +109,16 @@ impl OpcUa {
             let most = u32::try_from(self.limits.write).unwrap_or(u32::MAX);
             return Err(Fault::Caller(CallerFault::TooManyNodes(most)));
         }
+        let namespaces = self.session.namespaces();
         let each = nodes.iter().map(|node| {
-            let (own, rest) = values.split_at_checked(usize::from(node.taken_as().registers()))?;
+            let extent = Fault::Caller(CallerFault::Extent);
+            let (own, rest) =
+                values.split_at_checked(usize::from(node.taken_as().registers())).ok_or(extent)?;
             values = rest;
-            written(node, own)
+            let id = namespaces.node_id(&node.id)?.ok_or(Fault::Status(Status::NO_SUCH_NODE))?;
+            written(node, id, own).ok_or(extent)
         });
-        let each: Option<Vec<WriteValue>> = each.collect();
-        let each = each.ok_or(Fault::Caller(CallerFault::Extent))?;
+        let each: Vec<WriteValue> = each.collect::<Result<_, Fault>>()?;
         let channel = self.link.channel.clone();
         let handle = channel.request_handle();
         let write =
@@ -151,9 +164,14 @@ impl OpcUa {
     }
 }
 
-fn written(node: &Node, value: &[u16]) -> Option<WriteValue> {
+/// Reading of a node whose namespace the server does not have.
+fn not_there() -> NodeReading {
+    NodeReading { value: Err(Reason::Status(Status::NO_SUCH_NODE.0)), stamped: Stamped::Unknown, asked: None }
+}
+
+fn written(node: &Node, node_id: NodeId, value: &[u16]) -> Option<WriteValue> {
     Some(WriteValue {
-        node_id: node_id(&node.id)?,
+        node_id,
         attribute_id: AttributeId::Value as u32,
         index_range: Default::default(),
         value: DataValue { value: Some(variant(node.scalar(value))?), ..DataValue::null() },

@@ -14,7 +14,17 @@ const CHANGED_AFTER: u32 = 20;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Access {
     Read,
+    /// Of the register in which the control says what it applies.
+    ReadApplied,
     Write,
+}
+
+/// Alarm of an output.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Alarm {
+    #[default]
+    Off,
+    Raised,
 }
 
 /// Failures of the requests of one register.
@@ -27,6 +37,7 @@ pub(super) struct Failures {
     /// Writes that failed since the last one that was answered.
     failed_writes: u64,
     last_read: LastRead,
+    alarm: Alarm,
 }
 
 /// Result of the last read of a register.
@@ -54,10 +65,28 @@ impl Failures {
             self.cause = None;
         }
         let is_new = is_reported && Cause::is_news(&mut self.cause, fault, CHANGED_AFTER);
+        if is_new {
+            self.raise();
+        }
         is_new.then(|| match is_deaf {
             true => format!("{}, {} in a row", in_words(), counted(self.failed_writes, "time")),
             false => in_words(),
         })
+    }
+
+    /// An alarm of the output was reported.
+    pub(super) fn raise(&mut self) {
+        self.alarm = Alarm::Raised;
+    }
+
+    /// Ends the alarm. Returns whether there was one.
+    pub(super) fn end(&mut self) -> bool {
+        std::mem::take(&mut self.alarm) == Alarm::Raised
+    }
+
+    /// The device answers other requests: if it does not answer writes, nobody else reports that.
+    pub(super) fn device_answers(&mut self, answers: bool) {
+        self.last_read = if answers { LastRead::Answered } else { LastRead::NotAnswered };
     }
 
     /// Takes note of the result of an exchange.
@@ -69,7 +98,7 @@ impl Failures {
             }
             Input::Fact(Fact::Read { .. }) => {
                 self.last_read = LastRead::Answered;
-                self.reported = self.reported.filter(|access| *access != Access::Read);
+                self.reported = self.reported.filter(|access| *access == Access::Write);
             }
             Input::Fact(Fact::NoAnswer) => self.last_read = LastRead::NotAnswered,
             _ => {}

@@ -13,9 +13,9 @@ use crate::fieldbus::explain::advised_on;
 use crate::fieldbus::wire::Request;
 use crate::gateway::blamed::of_an_output;
 use crate::gateway::line_handle::LineHandle;
-use crate::gateway::log::outputs::{ControllerState, Resumed, ResumedPosition, Turn};
+use crate::gateway::log::outputs::{ControllerSnapshot, ControllerState, PositionSnapshot, Turn};
 use crate::gateway::output::Standing;
-use crate::gateway::storage::{Steady, TurnEnded};
+use crate::gateway::storage::{Steady, TurnRecord};
 use crate::gateway::units::{cz_factor, registers_in_text};
 use crate::observe::events::Event;
 use isotherm_core::codec::{ControlView, Encoded};
@@ -66,7 +66,7 @@ impl Position {
         };
         let OutputDemand { cz, target, decided: at, interlock, position, .. } = demand;
         let is_driven = demand.decision != Decision::Off && !shared.dry_run;
-        // Where a person arms, the display is not ours before that.
+        // If the operator arms, the gateway does not write the display before the first arming.
         let is_ours = !shared.dry_run && (shared.profile.arm == Arm::Auto || shared.core().was_armed);
         let asked = PositionDemand {
             read_at,
@@ -83,7 +83,7 @@ impl Position {
         let result = match (action, position) {
             (PositionAction::Correct(cz), Some(position)) => {
                 sent = self.correct(turn, output, (position, cz), demand.not_after).await;
-                sent.as_ref().map(Sent::result)
+                sent.as_ref().map(PositionWrite::result)
             }
             (PositionAction::ShowDashes, _) => self.show_dashes(turn, output).await,
             (PositionAction::Interlocked(condition), _) => {
@@ -102,19 +102,19 @@ impl Position {
             self.publish(shared, output, sent, event);
         }
         let (turn, state) = (Turn::Position(ended), ControllerState::Position);
-        let ended = TurnEnded { before: state(before), turn, after: state(self.controller) };
-        let resumed = || Resumed::Position(ResumedPosition { step, position: before });
+        let ended = TurnRecord { before: state(before), turn, after: state(self.controller) };
+        let resumed = || ControllerSnapshot::Position(PositionSnapshot { step, position: before });
         shared.core().storage.outputs.turned(Steady::Position(self.id), ended, resumed, now);
     }
 
-    /// Writes a position with this Cz. `None` if the control must not get that.
+    /// Writes a position with this Cz. Returns `None` if the value is not admitted.
     async fn correct(
         &mut self,
         turn: &mut LineTurn<'_>,
         output: &Output,
         (position, cz): (f64, Micron),
         not_after: Moment,
-    ) -> Option<Sent> {
+    ) -> Option<PositionWrite> {
         let shared = turn.shared;
         let factor = cz_factor(&shared.profile, output);
         let target = self.encode(shared, output, position + cz.get() * factor / 1000.0);
@@ -126,12 +126,18 @@ impl Position {
         }
         let asked = turn.line.looked();
         let answer = write(turn, output, &target, not_after).await;
-        Some(Sent { target, cz, asked, answer })
+        Some(PositionWrite { target, cz, asked, answer })
     }
 
-    fn publish(&mut self, shared: &LineHandle, output: &Output, sent: Sent, event: Option<PositionEvent>) {
+    fn publish(
+        &mut self,
+        shared: &LineHandle,
+        output: &Output,
+        sent: PositionWrite,
+        event: Option<PositionEvent>,
+    ) {
         let result = sent.result();
-        let Sent { target, cz, asked, answer } = sent;
+        let PositionWrite { target, cz, asked, answer } = sent;
         match answer {
             Ok(_) if result == PositionResult::Written => {
                 self.is_written(shared, output, &target, (cz, asked));
@@ -139,7 +145,6 @@ impl Position {
             Ok(found) => self.is_not_shown(shared, output, (&target, found), event),
             Err((fault, _)) => self.fail(shared, output, fault),
         }
-        self.report(shared, output, event.filter(|event| *event != PositionEvent::NotShown));
     }
 
     fn is_written(
@@ -157,20 +162,19 @@ impl Position {
         state.cz = Some(cz);
         state.value = output.encoding.decode(target.registers()).ok();
         state.verified_at = Some(asked);
+        let failures = std::mem::take(&mut state.failures);
+        if self.failures.end() {
+            core.events.push(Event::Verified { output: output.name.clone(), failures });
+        }
         core.storage.outputs.wrote(Steady::Position(self.id), asked);
     }
 
     fn report(&self, shared: &LineHandle, output: &Output, event: Option<PositionEvent>) {
         let (name, mut core) = (output.name.clone(), shared.core());
-        let failures = match event {
-            Some(PositionEvent::Verified) => std::mem::take(&mut core.outputs[self.id.0].failures),
-            _ => 0,
-        };
         let when = || output.when.as_ref().map_or(String::new(), |when| when.text.clone());
         core.events.extend(event.and_then(|event| match event {
             PositionEvent::Interlocked => Some(Event::Interlocked { output: name, when: when() }),
             PositionEvent::Released => Some(Event::Released { output: name }),
-            PositionEvent::Verified => Some(Event::Verified { output: name, failures }),
             PositionEvent::NotShown => None,
         }));
     }
@@ -196,6 +200,7 @@ impl Position {
             let found = found.map_or(String::new(), |found| registers_in_text(output, found.registers()));
             let wrote = registers_in_text(output, wrote.registers());
             let (output, is_in_a_node) = (output.name.clone(), output.address.node().is_some());
+            self.failures.raise();
             shared.report(&Event::VerifyFailed { output, wrote, found, is_in_a_node });
         }
         self.is_unverified(shared, &"something else is read back than was written");
@@ -207,6 +212,8 @@ impl Position {
             return;
         }
         let transport = shared.profile.bus(shared.profile.device(output.device).bus).transport;
+        let is_lost = shared.core().contact.devices[output.device.0].is_reported_lost();
+        self.failures.device_answers(!is_lost);
         let words = || of_an_output(&shared.profile, self.id, fault);
         if let Some(words) = self.failures.fails(fault, Access::Write, words) {
             let fault = advised_on(transport, fault, words);
@@ -224,7 +231,7 @@ impl Position {
         state.doubt();
     }
 
-    /// Dashes instead of a number that nobody corrects any more. `None` if they could not be written: they are tried again.
+    /// Writes dashes to a display whose position is not corrected. Returns `None` if the write failed; the next turn tries again.
     async fn show_dashes(&self, turn: &mut LineTurn<'_>, output: &Output) -> Option<PositionResult> {
         let stale = output.display.stale.as_ref()?;
         let text = (stale.register..).zip(stale.words.iter().copied());
@@ -236,16 +243,16 @@ impl Position {
     }
 }
 
-/// A position that was sent, and the answer: the value that was read back, if it is.
+/// Corrected position that was sent, and its answer. The answer has the value read back if `verify` reads.
 #[derive(Debug)]
-struct Sent {
+struct PositionWrite {
     target: Encoded,
     cz: Micron,
     asked: Moment,
     answer: Result<Option<Encoded>, (Fault, Outcome)>,
 }
 
-impl Sent {
+impl PositionWrite {
     fn result(&self) -> PositionResult {
         match &self.answer {
             Ok(found) if found.is_none_or(|found| found.registers() == self.target.registers()) => {

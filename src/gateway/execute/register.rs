@@ -13,6 +13,7 @@ use crate::fieldbus::wire::Request;
 use crate::gateway::blamed::of_an_output;
 use crate::gateway::ledger::{Keeping, Kept};
 use crate::gateway::line_handle::LineHandle;
+use crate::gateway::output::Standing;
 use crate::gateway::store::WHAT;
 use crate::gateway::units::Units;
 use crate::observe::asker::Way;
@@ -20,8 +21,8 @@ use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
 use isotherm_core::explained::Explained;
 use isotherm_core::output::{
-    self, AppliedSettings, Cause, Controller, Copies, Demand, Demanded, Input, OutputAnswer, Rules, Settings,
-    State, Trouble, Verify, WriteResult,
+    self, AppliedSettings, Cause, Controller, Copies, Demand, Demanded, Fact, Input, OutputAnswer, Rules,
+    Settings, State, Trouble, Verify, WriteResult,
 };
 use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::{Output, OutputId, Share, Writes};
@@ -33,6 +34,8 @@ pub(super) struct Register {
     pub(super) units: Units,
     pub(super) settings: Settings,
     failures: Failures,
+    /// Failures of the register in which the control says what it applies.
+    failures_applied: Failures,
     /// Values that may still appear in the register, as they were given to the disk.
     on_disk: Option<Copies>,
     /// Version of the ledger that is being put on disk, and since when.
@@ -63,8 +66,9 @@ impl Register {
                 Controller::new(&settings, state, shared.pauses(), now)
             }
         };
-        let failures = Failures::default();
-        (Register { id, units, settings, failures, on_disk: None, keeping: None }, controller)
+        let (failures, failures_applied) = (Failures::default(), Failures::default());
+        let (on_disk, keeping) = (None, None);
+        (Register { id, units, settings, failures, failures_applied, on_disk, keeping }, controller)
     }
 
     /// Demand on the output in counts.
@@ -94,12 +98,16 @@ impl Register {
     }
 
     /// Reports the events of the controller. Returns why the axis is to resume from the register value, if it is.
-    pub(super) fn report_events(&self, shared: &LineHandle, controller: &mut Controller) -> Option<Cause> {
+    pub(super) fn report_events(
+        &mut self,
+        shared: &LineHandle,
+        controller: &mut Controller,
+    ) -> Option<Cause> {
         let output = shared.profile.output(self.id);
         let (mut resumes, mut has_restarted) = (None, false);
         let events = controller.take_events();
-        let of = (self, &*controller);
         for event in events.iter() {
+            let of = (&*self, &*controller);
             let is_foreign = matches!(event, output::Event::ForeignValue { .. });
             if !(has_restarted && is_foreign)
                 && let Some(event) = report::event(of, output, *event, &shared.clock)
@@ -114,8 +122,13 @@ impl Register {
                 output::Event::Late { not_after } => shared.order_lapsed(self.id, not_after),
                 output::Event::Written => shared.core().outputs[self.id.0].writes += 1,
                 output::Event::StillUntaken => shared.core().outputs[self.id.0].failures += 1,
-                output::Event::Recovered { was_untaken } => self.recovered(shared, output, was_untaken),
-                output::Event::NotApplied => report::not_applied(of, shared, output),
+                output::Event::NotTaken { .. } | output::Event::Recovered { was_untaken: true } => {
+                    self.failures.raise();
+                }
+                output::Event::NotApplied => {
+                    report::not_applied(of, shared, output);
+                    self.failures.raise();
+                }
                 output::Event::Question if !shared.dry_run => {
                     shared.report(&report::question(of, &output.name));
                     let hint = "do what the alarm of its output says, then arm it";
@@ -127,14 +140,6 @@ impl Register {
             }
         }
         resumes
-    }
-
-    fn recovered(&self, shared: &LineHandle, output: &Output, was_untaken: bool) {
-        let mut core = shared.core();
-        let failures = std::mem::take(&mut core.outputs[self.id.0].failures);
-        if was_untaken {
-            core.events.push(Event::Verified { output: output.name.clone(), failures });
-        }
     }
 
     /// The registers that hold this value. `None` if the control would read something else, or more than the limit: its
@@ -166,7 +171,11 @@ impl Register {
             return;
         }
         let in_words = || of_an_output(&shared.profile, self.id, fault);
-        let reported = self.failures.fails(fault, access, in_words);
+        let failures = match access {
+            Access::ReadApplied => &mut self.failures_applied,
+            Access::Read | Access::Write => &mut self.failures,
+        };
+        let reported = failures.fails(fault, access, in_words);
         let mut core = shared.core();
         let state = &mut core.outputs[self.id.0];
         (state.failures, state.cause) = (state.failures + 1, Some(fault));
@@ -175,7 +184,7 @@ impl Register {
         let transport = shared.profile.bus(device.bus).transport;
         core.events.extend(reported.map(|words| advised_on(transport, fault, words)).map(
             |fault| match access {
-                Access::Read => Event::ReadFailed { output: output(), fault },
+                Access::Read | Access::ReadApplied => Event::ReadFailed { output: output(), fault },
                 Access::Write => Event::WriteFailed { output: output(), fault },
             },
         ));
@@ -206,11 +215,12 @@ impl Register {
         Some(match turn.line.request(output.device, request, Leave::Whenever).await {
             Ok(answered) => {
                 let found = applied.encoding.decode(answered.answer.registers()).ok();
+                self.failures_applied.result(Input::Fact(Fact::Read { found: Counts::ZERO, asked }));
                 turn.shared.core().outputs[self.id.0].applied = found.map(|found| (found, answered.asked));
                 OutputAnswer::Applied(found.and_then(|found| self.units.thousandths(found)), asked)
             }
             Err(fault) => {
-                self.fail(turn.shared, controller, (fault, Access::Read));
+                self.fail(turn.shared, controller, (fault, Access::ReadApplied));
                 OutputAnswer::AppliedNoAnswer(asked)
             }
         })
@@ -236,6 +246,13 @@ impl Register {
         }
         let mut core = shared.core();
         let Some(cz) = report::show((self, controller), demand, &mut core.outputs[self.id.0]) else { return };
+        if core.outputs[self.id.0].standing == Standing::Verified && core.arming[output.axis.0].armed {
+            let failures = std::mem::take(&mut core.outputs[self.id.0].failures);
+            // Both are to end.
+            if self.failures.end() | self.failures_applied.end() {
+                core.events.push(Event::Verified { output: output.name.clone(), failures });
+            }
+        }
         let Some(cause) = resumes else { return };
         if core.found(self.id, cz) && cause == Cause::Restart {
             let axis = shared.profile.axis(output.axis).settings.name.clone();

@@ -9,16 +9,16 @@ use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, Outcome};
 use crate::gateway::core::Core;
 use crate::gateway::line_handle::LineHandle;
-use crate::gateway::log::outputs::{ControllerState, Resumed, ResumedSet, SetTurn, Turn};
+use crate::gateway::log::outputs::{ControllerSnapshot, ControllerState, SetSnapshot, SetTurn, Turn};
 use crate::gateway::output::HandshakeStatus;
-use crate::gateway::storage::{Steady, TurnEnded};
+use crate::gateway::storage::{Steady, TurnRecord};
 use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
 use isotherm_core::display::control_word;
 use isotherm_core::output::{
     Action, Alone, Cause, Controller, Fact, HandshakeFault, Input, MemberDemand, OwnWords, SetAction,
-    SetController, SetDemand, SetInput, SetSettings, SetValue, SetWords, Strobe, StrobeLevel, StrobeResult,
-    Taking, WriteResult,
+    SetController, SetDemand, SetInput, SetSettings, SetValue, SetWords, Strobe, StrobeResult, Taking,
+    WriteResult,
 };
 use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::{Handshake, OutputSet, Profile, SetId};
@@ -145,7 +145,7 @@ impl Set {
         let is_logged = shared.core().storage.outputs.is_kept();
         let before = is_logged.then(|| self.controller.clone());
         let action = self.controller.step(&self.settings, input, now);
-        let each = self.registers.iter().zip(self.controller.members_mut()).zip(&mut self.resumes);
+        let each = self.registers.iter_mut().zip(self.controller.members_mut()).zip(&mut self.resumes);
         for ((register, controller), resumes) in each {
             *resumes = register.report_events(shared, controller).or(*resumes);
         }
@@ -161,10 +161,10 @@ impl Set {
             let state = |set: &SetController| ControllerState::Set(Box::new(set.clone()));
             let resumed = || {
                 let (settings, set) = (self.settings.clone(), before.clone());
-                Resumed::Set(Box::new(ResumedSet { settings, set }))
+                ControllerSnapshot::Set(Box::new(SetSnapshot { settings, set }))
             };
             let turn = Turn::Set(Box::new(SetTurn { input: input.clone(), action: action.clone() }));
-            let ended = TurnEnded { before: state(&before), turn, after: state(&self.controller) };
+            let ended = TurnRecord { before: state(&before), turn, after: state(&self.controller) };
             core.storage.outputs.turned(Steady::Set(self.id), ended, resumed, now);
         }
         action
@@ -185,7 +185,7 @@ impl Set {
         let status = HandshakeStatus {
             waits: strobe.awaits(),
             failed: strobe.failed(),
-            strobe_up: strobe.level() == StrobeLevel::Up,
+            strobe_up: strobe.may_be_up(),
             says_enabled: self.controller.may_say_enabled(),
             is_untaken: self.controller.is_bound(),
         };

@@ -76,9 +76,10 @@ impl Single {
     /// Gives the controller an input, and reports its events. The new state outlives this task. The log gets input and action.
     /// Returns why the axis is to resume from the register value, if it is.
     fn step(&mut self, shared: &LineHandle, input: Input, now: Moment) -> Option<Cause> {
-        let (id, settings, before) = (self.register.id, &self.register.settings, self.controller);
-        let action = self.controller.step(settings, input, now);
+        let (id, before) = (self.register.id, self.controller);
+        let action = self.controller.step(&self.register.settings, input, now);
         let resumes = self.register.report_events(shared, &mut self.controller);
+        let settings = &self.register.settings;
         let mut core = shared.core();
         let known = core.registers[id.0].replace(self.controller);
         if core.storage.outputs.is_kept() {

@@ -31,14 +31,14 @@
 //! `set`, with the input of its controller ([`SetInput`](isotherm_core::output::SetInput)) and the action in `detail` (JSON). `action` has the name of the
 //! action: nothing, keep, read, write, write-own, acknowledge, raise, drop.
 //!
-//! A corrected position has rows of its own kind, `position-begin` and `position`, with demand, action and result of a turn in `detail`;
-//! and so has the heartbeat in a register of its own, `heartbeat-begin` and `heartbeat`. A turn that only repeats the one before, with a
-//! newer position or the next count, has no row: `value` of the next row counts them, after a minute at the latest.
+//! A corrected position has the rows `position-begin` and `position`, with demand, action and result of a turn in `detail`. The Cz inside and
+//! the decision to write are replayed; the position itself is not in the log. The heartbeat in a register of its own has the rows
+//! `heartbeat-begin` and `heartbeat`. A turn that only repeats the one before, with a newer position or the next count, has no row: `value`
+//! of the next row has their number, after a minute at the latest.
 //!
-//! Positions, heartbeats and control words are written again and again, whatever came of the last time. Of these there are also
-//! the rows `fault` (in `detail`, once until a write is answered), and `writes` and `failures` (how many since `moment`, a minute or
+//! Positions, heartbeats and control words are written again and again, whatever the last result was. They also have the rows `fault` (in `detail`, once until a write is answered), and `writes` and `failures` (how many since `moment`, a minute or
 //! more). A file that begins because the computer's clock was set says in its first row, `clock`, from when to when. Rows of earlier
-//! versions: `cz`, of a corrected position, in `value` the Cz that was another one, µm; and `sealed`, of no output, with the numbers of
+//! versions: `cz`, of a corrected position, in `value` a changed Cz, µm; and `sealed`, of no output, with the numbers of
 //! state and ledger. A replay passes over them.
 
 use serde::{Deserialize, Serialize};
@@ -56,7 +56,8 @@ mod replay;
 mod tests;
 
 pub use controllers::{
-    ControllerState, HeartbeatTurn, Resumed, ResumedHeartbeat, ResumedPosition, ResumedSet, SetTurn, Turn,
+    ControllerSnapshot, ControllerState, HeartbeatSnapshot, HeartbeatTurn, PositionSnapshot, SetSnapshot,
+    SetTurn, Turn,
 };
 pub use reader::{Entry, OutputLogReader, OutputRow};
 pub use recorder::OutputRecorder;
@@ -74,8 +75,6 @@ const FAILURES: &str = "failures";
 const CLOCK: &str = "clock";
 /// Cz of a position, and numbers of state and ledger, in a log of an earlier version.
 const EARLIER: [&str; 2] = ["cz", "sealed"];
-/// Repetitions that one row may count: those of a minute are far fewer.
-const MOST_REPETITIONS: u64 = 1_000_000;
 
 /// From what an output goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

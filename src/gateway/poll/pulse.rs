@@ -6,8 +6,10 @@ use crate::fieldbus::explain::explain_on;
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::Request;
 use crate::gateway::line_handle::LineHandle;
-use crate::gateway::log::outputs::{ControllerState, HeartbeatTurn, Resumed, ResumedHeartbeat, Turn};
-use crate::gateway::storage::{Steady, TurnEnded};
+use crate::gateway::log::outputs::{
+    ControllerSnapshot, ControllerState, HeartbeatSnapshot, HeartbeatTurn, Turn,
+};
+use crate::gateway::storage::{Steady, TurnRecord};
 use crate::observe::events::Event;
 use isotherm_core::explained::Cause;
 use isotherm_core::output::HeartbeatController;
@@ -50,8 +52,8 @@ impl Pulse {
         let Some(count) = self.controller.next(beat, highest) else { return };
         let state = ControllerState::Heartbeat;
         let turn = Turn::Heartbeat(HeartbeatTurn { beat, count: Some(count) });
-        let ended = TurnEnded { before: state(before), turn, after: state(self.controller) };
-        let resumed = || Resumed::Heartbeat(ResumedHeartbeat { highest, heartbeat: before });
+        let ended = TurnRecord { before: state(before), turn, after: state(self.controller) };
+        let resumed = || ControllerSnapshot::Heartbeat(HeartbeatSnapshot { highest, heartbeat: before });
         shared.core().storage.outputs.turned(Steady::Heartbeat, ended, resumed, now);
         let Heartbeat { device, address, .. } = &self.heartbeat;
         let functions = shared.profile.device(*device).functions;

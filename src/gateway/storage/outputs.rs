@@ -10,7 +10,7 @@ use jiff::civil::Date;
 
 use super::stamps::{Stamped, Stamps};
 use super::{Job, OUTPUT_QUEUE, keeping};
-use crate::gateway::log::outputs::{Beginning, ControllerState, OutputRecorder, Resumed, Turn};
+use crate::gateway::log::outputs::{Beginning, ControllerSnapshot, ControllerState, OutputRecorder, Turn};
 use isotherm_core::output::{Action, Controller, Input, Settings};
 use isotherm_core::quantity::{Moment, Shifted};
 use isotherm_profile::{OutputId, Profile, SetId};
@@ -31,9 +31,9 @@ pub(in crate::gateway) struct Stepped<'a> {
     pub(in crate::gateway) after: &'a Controller,
 }
 
-/// A controller with turns had one.
+/// Turn of a controller, with the states before and after it.
 #[derive(Debug)]
-pub(in crate::gateway) struct TurnEnded {
+pub(in crate::gateway) struct TurnRecord {
     pub(in crate::gateway) before: ControllerState,
     pub(in crate::gateway) turn: Turn,
     pub(in crate::gateway) after: ControllerState,
@@ -84,7 +84,11 @@ pub(in crate::gateway) struct OutputsLog {
     stamps: Stamps,
     tears: Arc<Tears>,
     counts: (usize, usize),
-    /// By output, by set, and of the heartbeat.
+    /// Latest moment of a row. A turn that began before midnight and ended after it does not go back to the file of the day before.
+    latest: Moment,
+    /// Stretch of the last row.
+    stretch: Option<Stretch>,
+    /// Lines of the outputs, then of the sets, then of the heartbeat.
     lines: Vec<Line>,
     /// What failed, while it is compared with what failed before.
     message: String,
@@ -95,10 +99,9 @@ pub(in crate::gateway) struct OutputsLog {
 #[derive(Debug, Default)]
 struct Line {
     name: String,
-    /// Where the controller has begun, so that its rows can be replayed.
+    /// Stretch in which the log has a beginning of this controller.
     begun: Option<Stretch>,
-    /// Last turn, and state after it.
-    last: Option<(Turn, ControllerState)>,
+    last: Option<LastTurn>,
     /// Turns since the last row that repeat it.
     repetitions: u64,
     /// What is only counted, since when.
@@ -107,6 +110,17 @@ struct Line {
     failures: u64,
     /// What failed last and was recorded.
     fault: String,
+}
+
+/// Last turn of a controller.
+#[derive(Debug)]
+struct LastTurn {
+    turn: Turn,
+    /// State after it.
+    state: ControllerState,
+    at: Moment,
+    /// When a turn was last recorded, not counted.
+    recorded: Moment,
 }
 
 impl OutputsLog {
@@ -149,52 +163,67 @@ impl OutputsLog {
             let (state, policy) = (*stepped.before.state(), *stepped.before.policy());
             let beginning = Beginning { settings: *stepped.settings, state, policy };
             let row = self.recorder.begin(now, &line.name, &beginning).to_vec();
-            if !self.hand_over(now, row, stretch) {
+            if !self.hand_over(row, stretch) {
                 return;
             }
         }
         let name = &self.lines[stepped.id.0].name;
         let row = self.recorder.step(now, name, stepped.input, stepped.action).to_vec();
-        self.hand_over(now, row, stretch);
+        self.hand_over(row, stretch);
     }
 
-    /// Queues a turn of a controller; if rows before it are in another file or lost, after the state before it. A turn that repeats the
-    /// last one is counted.
+    /// Queues a turn of a controller, or counts it if it repeats the last one. If the file lacks the rows before it, the state comes first.
     pub(in crate::gateway) fn turned(
         &mut self,
         steady: Steady,
-        TurnEnded { before, turn, after }: TurnEnded,
-        resumed: impl FnOnce() -> Resumed,
+        TurnRecord { before, turn, after }: TurnRecord,
+        snapshot: impl FnOnce() -> ControllerSnapshot,
         now: Moment,
     ) {
         let (stretch, place) = (self.stretch(now), self.place(steady));
         let Some(line) = self.lines.get_mut(place) else { return };
-        let known =
-            line.last.as_ref().filter(|(_, known)| line.begun == Some(stretch) && known.is_like(&before));
         if turn.is_idle() && before.is_like(&after) {
             return;
         }
-        let goes_on = known.is_some();
-        if known.is_some_and(|(last, known)| turn.repeats(last, known, &after)) {
+        let continues = |last: &&LastTurn| last.state == before || last.state.is_like(&before);
+        let last = line.last.as_ref().filter(|_| line.begun == Some(stretch)).filter(continues);
+        let (goes_on, recorded) = (last.is_some(), last.map_or(now, |last| last.recorded));
+        if last.is_some_and(|last| turn.repeats(&last.turn, &last.state, &after)) {
             line.repetitions += 1;
-            line.last = Some((turn, after));
+            line.last = Some(LastTurn { turn, state: after, at: now, recorded });
+            if now.since(recorded) >= COUNTED_FOR {
+                self.record_repetitions(place, stretch);
+            }
             return;
         }
-        let repetitions = std::mem::take(&mut line.repetitions);
-        line.last = Some((turn.clone(), after));
         if !goes_on {
-            line.begun = Some(stretch);
-            let row = self.recorder.resume(now, &line.name, &resumed()).to_vec();
-            if !self.hand_over(now, row, stretch) {
+            self.record_repetitions(place, stretch);
+            self.lines[place].begun = Some(stretch);
+            let row = self.recorder.resume(now, &self.lines[place].name, &snapshot()).to_vec();
+            if !self.hand_over(row, stretch) {
                 return;
             }
         }
-        let repetitions = if goes_on { repetitions } else { 0 };
-        let row = self.recorder.turn(now, &self.lines[place].name, &turn, repetitions).to_vec();
-        self.hand_over(now, row, stretch);
+        let line = &mut self.lines[place];
+        let repetitions = std::mem::take(&mut line.repetitions);
+        let row = self.recorder.turn(now, &line.name, &turn, repetitions).to_vec();
+        line.last = Some(LastTurn { turn, state: after, at: now, recorded: now });
+        self.hand_over(row, stretch);
     }
 
-    /// A write of what is written again and again was answered as done.
+    /// Queues the last turn of a controller, if it was counted, with the number of those before it.
+    fn record_repetitions(&mut self, place: usize, stretch: Stretch) {
+        let line = &mut self.lines[place];
+        let repetitions = std::mem::take(&mut line.repetitions);
+        let Some(last) = line.last.as_mut().filter(|_| repetitions > 0 && line.begun == Some(stretch)) else {
+            return;
+        };
+        last.recorded = last.at;
+        let row = self.recorder.turn(last.at, &line.name, &last.turn, repetitions - 1).to_vec();
+        self.hand_over(row, stretch);
+    }
+
+    /// Counts a write that was answered as done.
     pub(in crate::gateway) fn wrote(&mut self, steady: Steady, now: Moment) {
         if let Some(line) = self.counted(steady, now) {
             line.writes += 1;
@@ -214,7 +243,7 @@ impl OutputsLog {
                 line.fault.clone_from(&message);
                 let name = &self.lines[self.place(steady)].name;
                 let row = self.recorder.fault(now, name, &message).to_vec();
-                self.hand_over(now, row, stretch);
+                self.hand_over(row, stretch);
             }
         }
         self.message = message;
@@ -222,18 +251,26 @@ impl OutputsLog {
 
     /// The end of a run: what was counted until then.
     pub(in crate::gateway) fn count_for_the_last_time(&mut self, now: Moment) {
-        (0..self.lines.len()).for_each(|place| self.record_counts(place, now));
+        let stretch = self.stretch(now);
+        for place in 0..self.lines.len() {
+            self.record_repetitions(place, stretch);
+            self.record_counts(place, now);
+        }
     }
 
-    /// What a row of now belongs to. Where the clock was set, the file's first row says so.
+    /// What a row of now belongs to. If that is another file, what the one before lacks is queued first. If the clock was set, the first row
+    /// of the file says so.
     fn stretch(&mut self, now: Moment) -> Stretch {
-        let stamped = self.stamps.look(now);
-        self.recorder.shift = stamped.shift;
-        let day = keeping::day(now.shifted(stamped.shift));
+        let (stamped, latest) = (self.stamps.look(now), self.latest.max(now));
+        let day = keeping::day(latest.shifted(stamped.shift));
         let stretch = Stretch { day, stamped, tear: self.tears.count.load(Ordering::Relaxed) };
+        if let Some(before) = self.stretch.replace(stretch).filter(|before| *before != stretch) {
+            (0..self.lines.len()).for_each(|place| self.record_repetitions(place, before));
+        }
+        (self.latest, self.recorder.shift) = (latest, stamped.shift);
         if let Some(correction) = self.stamps.correction() {
             let row = self.recorder.clock(now, correction).to_vec();
-            if self.hand_over(now, row, stretch) {
+            if self.hand_over(row, stretch) {
                 self.stamps.said();
             }
         }
@@ -265,18 +302,16 @@ impl OutputsLog {
         let Some(since) = line.since.replace(now) else { return };
         let (writes, failures) = (std::mem::take(&mut line.writes), std::mem::take(&mut line.failures));
         let recorder = &mut self.recorder;
-        let repetitions = std::mem::take(&mut line.repetitions);
-        let last = line.last.as_ref().filter(|_| repetitions > 0 && line.begun == Some(stretch));
-        let repeated = last.map(|(turn, _)| recorder.turn(now, &line.name, turn, repetitions - 1).to_vec());
         let wrote = (writes > 0).then(|| recorder.writes(now, &line.name, writes, since).to_vec());
         let failed = (failures > 0).then(|| recorder.failures(now, &line.name, failures, since).to_vec());
-        for row in repeated.into_iter().chain(wrote).chain(failed) {
-            self.hand_over(now, row, stretch);
+        for row in wrote.into_iter().chain(failed) {
+            self.hand_over(row, stretch);
         }
     }
 
     /// Whether there was room for it.
-    fn hand_over(&mut self, at: Moment, row: Vec<u8>, Stretch { stamped, tear, .. }: Stretch) -> bool {
+    fn hand_over(&mut self, row: Vec<u8>, Stretch { stamped, tear, .. }: Stretch) -> bool {
+        let at = self.latest;
         let Some(queue) = &self.queue else { return false };
         if self.tears.waiting.fetch_add(1, Ordering::Relaxed) < OUTPUT_QUEUE {
             match queue.try_send(Job::OutputRow { at, stamped, row, tear }) {

@@ -168,6 +168,11 @@ fn a_set_with_a_handshake_and_lost_answers_comes_out_again() {
         "set block,set,,,acknowledge,",
     ];
     has(&text, &rows);
+    assert_eq!(
+        text.matches("set block,set-begin,").count(),
+        1,
+        "each of its inputs is replayed from the one before"
+    );
 }
 
 #[test]

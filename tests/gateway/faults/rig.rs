@@ -129,8 +129,8 @@ fn catches_up(directory: &Path, quiet: Duration) {
     }
 }
 
-/// Whether a thread of this process that keeps logs or state is running, ready to run or waiting for the disk: on a busy computer
-/// that takes longer than any time without a change.
+/// Returns whether a thread that keeps logs or state is running, ready to run or waiting for the disk. On a busy computer that takes longer
+/// than any time without a change.
 fn is_writing() -> bool {
     let threads = std::fs::read_dir("/proc/self/task").unwrap().flatten();
     let status = threads.filter_map(|thread| std::fs::read_to_string(thread.path().join("status")).ok());

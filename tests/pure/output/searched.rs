@@ -31,7 +31,7 @@ fn holds(what: &str, settings: &Settings, budget: Budget) {
 
 /// States of a search that must find nothing. More, and more steps of a walk:
 /// `SEARCH_STATES=2000000 WALK_STEPS=5000000 cargo nextest run --workspace --features full --test pure searched --no-capture`.
-const STATES: usize = 30_000;
+const STATES: usize = 20_000;
 /// States of a search that must find something. It ends where it does.
 const MOST: usize = 200_000;
 
@@ -127,6 +127,8 @@ fn an_output_whose_control_applies_late_is_sent_nothing_new_before_that() {
     holds("applied, link", &applied, Budget { lags: 2, holds: 1, losses: 1, targets: 2, ..none });
     let trouble = Budget { lags: 2, losses: 1, restarts: 1, interlocks: 1, stale: 1, targets: 1, ..none };
     holds("applied, trouble", &applied, trouble);
+    let refused = Budget { lags: 1, refusals: 1, ignored: 1, targets: 2, ..none };
+    holds("applied, refused", &applied, refused);
 }
 
 /// Without one of the rules, the shortest way to what it prevents.

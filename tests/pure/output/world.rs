@@ -137,6 +137,7 @@ impl World {
         gateway.step(settings, input, NOW);
         let shown = gateway.state().shown(settings);
         let (events, action) = (gateway.take_events(), gateway.action());
+        let is_verified = gateway.health(settings, self.interlock) == Some(OutputHealth::Verified);
         let keeps_order = match input {
             Input::Fact(fact) => {
                 matches!(
@@ -168,6 +169,10 @@ impl World {
         }
         if input == Input::TurnEnds && action == (Action::Nothing { until: NOW.min(self.wakes()) }) {
             return Err("it is to be called again at once, for nothing".to_owned());
+        }
+        let has_ended = input == Input::TurnEnds && settings.applied.is_some() && self.armed.is_some();
+        if has_ended && is_verified && shown.is_untaken {
+            return Err("it is shown as verified, and the register does not take what is written".to_owned());
         }
         let longest = NOW.after(settings.late);
         let is_short = shown.waits_until.is_none_or(|until| until <= longest);

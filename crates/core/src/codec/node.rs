@@ -1,6 +1,7 @@
 //! Nodes of an OPC UA server: how a profile names them, and what they hold ↔ registers.
 //!
-//! The notation is that of OPC UA, Part 6, 5.3.1.10: `ns=2;s=/Nck/State`, `ns=3;i=1005`, `i=2258`.
+//! The notation is that of OPC UA, Part 6, 5.3.1.10 and 5.3.1.11: `ns=2;s=/Nck/State`, `ns=3;i=1005`, `i=2258`,
+//! `nsu=http://plc.example/data;s=/Nck/State`.
 
 use std::fmt;
 use std::str::FromStr;
@@ -11,10 +12,59 @@ use crate::reading::Reason;
 /// Which node of a server. Prints as a profile has it.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct NodeId {
-    /// The server's namespace, by its index.
-    pub namespace: u16,
+    /// Namespace.
+    pub namespace: Namespace,
     /// Which node in there.
     pub identifier: Identifier,
+}
+
+/// Namespace of a node.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Namespace {
+    /// `ns=`: its index in the array of the server, which may change when the server restarts. 0 is OPC UA's own.
+    Index(u16),
+    /// `nsu=`: its URI. Each connection asks the server for the index.
+    Uri(String),
+}
+
+impl Namespace {
+    /// URI of the namespace that has the index 0 at every server.
+    const OF_OPC_UA: &str = "http://opcfoundation.org/UA/";
+
+    /// Reads the namespace at the beginning of a node. Returns it with the rest of the text.
+    fn parse(text: &str) -> Result<(Namespace, &str), String> {
+        let (by_uri, by_index) = (text.strip_prefix("nsu="), text.strip_prefix("ns="));
+        let Some(rest) = by_uri.or(by_index) else { return Ok((Namespace::Index(0), text)) };
+        let ends = || format!("`{text}` ends behind its namespace");
+        let (name, rest) = rest.split_once(';').ok_or_else(ends)?;
+        if by_index.is_some() {
+            let wrong = |_| format!("the namespace of `{text}` is no number up to 65535");
+            return Ok((Namespace::Index(name.parse().map_err(wrong)?), rest));
+        }
+        match unescaped(name)
+            .ok_or_else(|| format!("`%` in the URI of `{text}` is written %25, `;` is written %3B"))?
+        {
+            uri if uri.is_empty() => Err(format!("`{text}` has no URI behind `nsu=`")),
+            uri if uri == Namespace::OF_OPC_UA => Ok((Namespace::Index(0), rest)),
+            uri => Ok((Namespace::Uri(uri), rest)),
+        }
+    }
+}
+
+/// A URI without the escapes of the notation. `None` if there is another one.
+fn unescaped(text: &str) -> Option<String> {
+    let mut parts = text.split('%');
+    let mut uri = parts.next()?.to_owned();
+    for part in parts {
+        let (code, rest) = part.split_at_checked(2)?;
+        uri.push(match code {
+            "25" => '%',
+            "3B" | "3b" => ';',
+            _ => return None,
+        });
+        uri += rest;
+    }
+    Some(uri)
 }
 
 /// What tells a node from the others in its namespace.
@@ -94,16 +144,7 @@ impl FromStr for NodeId {
     /// # Errors
     /// A sentence that says what is wrong.
     fn from_str(text: &str) -> Result<NodeId, String> {
-        let (namespace, rest) = match text.strip_prefix("ns=") {
-            None => (0, text),
-            Some(rest) => {
-                let Some((number, rest)) = rest.split_once(';') else {
-                    return Err(format!("`{text}` ends behind its namespace"));
-                };
-                let number = number.parse();
-                (number.map_err(|_| format!("the namespace of `{text}` is no number up to 65535"))?, rest)
-            }
-        };
+        let (namespace, rest) = Namespace::parse(text)?;
         let (kind, name) = rest
             .split_once('=')
             .ok_or_else(|| format!("`{text}` is no node: one is written `ns=2;s=name` or `i=2258`"))?;
@@ -118,7 +159,6 @@ impl FromStr for NodeId {
                 return Err(format!("`{name}` is no Base64: bits of its last digit belong to no byte"));
             }
             "b" => Identifier::Opaque(name.to_owned()),
-            "nsu" => return Err("a namespace is written by its index, as `ns=2;s=name`".to_owned()),
             _ => return Err(format!("`{kind}=` is no kind of node; allowed: i, s, g, b")),
         };
         Ok(NodeId { namespace, identifier })
@@ -151,10 +191,19 @@ fn ends_in_whole_bytes(base64: &str) -> bool {
     last.zip(beyond).is_some_and(|(last, beyond)| last & beyond == 0)
 }
 
+impl fmt::Display for Namespace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Namespace::Index(index) => write!(f, "ns={index}"),
+            Namespace::Uri(uri) => write!(f, "nsu={}", uri.replace('%', "%25").replace(';', "%3B")),
+        }
+    }
+}
+
 impl fmt::Display for NodeId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.namespace != 0 {
-            write!(f, "ns={};", self.namespace)?;
+        if self.namespace != Namespace::Index(0) {
+            write!(f, "{};", self.namespace)?;
         }
         match &self.identifier {
             Identifier::Number(number) => write!(f, "i={number}"),
@@ -188,10 +237,16 @@ mod tests {
             "ns=3;i=4294967295",
             "ns=1;g=09087e75-8e5e-499b-954f-f2a9603db28a",
             "ns=1;b=M/RbKBsRVkePCePcx24oRA==",
+            "nsu=http://plc.example/data;s=offset;z",
+            "nsu=urn:a%3Bb%25c;i=7",
         ] {
             assert_eq!(text.parse::<NodeId>().unwrap().to_string(), text);
         }
-        assert_eq!("ns=0;i=7".parse::<NodeId>().unwrap().to_string(), "i=7");
+        for zero in ["ns=0;i=7", "nsu=http://opcfoundation.org/UA/;i=7"] {
+            assert_eq!(zero.parse::<NodeId>().unwrap().to_string(), "i=7");
+        }
+        let uri = "nsu=urn:a%3Bb%25c;i=7".parse::<NodeId>().unwrap().namespace;
+        assert_eq!(uri, Namespace::Uri("urn:a;b%c".to_owned()));
         for (text, word) in [
             ("holding:104", "is no node"),
             ("ns=2", "ends behind its namespace"),
@@ -204,7 +259,10 @@ mod tests {
             ("b=M/R", "no Base64"),
             ("b=QR==", "bits of its last digit"),
             ("b=QUF=", "bits of its last digit"),
-            ("nsu=urn:plc;s=offset", "by its index, as `ns=2;"),
+            ("nsu=urn:plc", "ends behind its namespace"),
+            ("nsu=;s=offset", "no URI behind `nsu=`"),
+            ("nsu=urn:50%;s=offset", "is written %25"),
+            ("nsu=urn:a%20b;s=offset", "is written %25"),
         ] {
             let why = text.parse::<NodeId>().unwrap_err();
             assert!(why.contains(word), "{text}: {why}");

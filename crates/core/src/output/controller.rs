@@ -430,7 +430,11 @@ impl Controller {
         let Some(applied) = &settings.applied else { return };
         if self.policy.applied.read(found, asked, applied) {
             self.policy.said.over(Topic::Applied);
-            return self.recover();
+            // The control may apply a value other than the one that was written and refused.
+            if !self.is_bound() && !self.state.shown(settings).is_untaken {
+                self.recover();
+            }
+            return;
         }
         if self.policy.applied.is_over(asked, applied) && self.is_driven() {
             self.is_not_taken();

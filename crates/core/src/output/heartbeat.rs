@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Beat {
-    /// No request for its sake: no axis was armed yet, or this is a dry run.
+    /// No heartbeat is sent: no axis was armed yet, or this is a dry run.
     #[default]
     Silent,
     /// Unchanged count: the axes were not stepped in time.
@@ -15,7 +15,7 @@ pub enum Beat {
     Counts,
 }
 
-/// Controller of a heartbeat in a register of its own. A request that failed is not made up for: the next beat follows.
+/// Controller of a heartbeat in a register of its own. A failed request is not repeated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HeartbeatController {
     count: u16,

@@ -15,15 +15,17 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Largest count of numbers in turn. An hour of refusals brings it to 69.
-const MOST: u16 = 200;
+/// A number that an earlier run has sent is at most so many after the last one that was acknowledged.
+const REACH: u16 = 200;
+/// Numbers of a set: 1 to 65535. Zero is left to a control that has just been started.
+const ALL: u16 = u16::MAX;
 
 /// Numbers of a set that its control may take next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Numbers {
     /// The last number that the control has acknowledged.
     taken: u16,
-    /// How many numbers after it may be next.
+    /// How many numbers after it may be next. An hour of refusals brings it to 69, a week to about 900.
     count: u16,
     /// How many of them were refused in this turn, the highest first.
     refused: u16,
@@ -81,7 +83,7 @@ impl Numbers {
 
     /// Returns whether this number is the last one that was acknowledged, or one that was tried since.
     pub(super) fn contains(&self, number: u16) -> bool {
-        (0..=self.count).any(|place| later(self.taken, place) == number)
+        distance(self.taken, number).is_some_and(|place| place <= self.count)
     }
 
     /// Returns whether other values may have been sent under these numbers.
@@ -91,12 +93,12 @@ impl Numbers {
 
     /// Returns whether this number may follow the last one that was acknowledged.
     pub(super) fn reaches(&self, number: u16) -> bool {
-        (0..MOST).any(|place| later(self.taken, place) == number)
+        distance(self.taken, number).is_some_and(|place| place < REACH)
     }
 
     /// Numbers up to the one after `number`, which an earlier run has sent, perhaps with other values.
     pub(super) fn with(self, number: u16) -> Numbers {
-        let place = (0..MOST).find(|place| later(self.taken, *place) == number).unwrap_or_default();
+        let place = distance(self.taken, number).filter(|place| *place < REACH).unwrap_or_default();
         Numbers { count: self.count.max(place + 1), refused: 0, values: Values::Changed, ..self }
     }
 
@@ -116,9 +118,11 @@ impl Numbers {
             Attempt::Refused => {
                 self.refused += 1;
                 if self.refused == self.count {
-                    let lower = u16::from(self.floor == Floor::Open && self.taken > 0);
-                    self.taken -= lower;
-                    (self.count, self.refused) = ((self.count + 1 + lower).min(MOST), 0);
+                    // Both ends move outwards, until each number has its turn.
+                    if self.floor == Floor::Open && self.count < ALL - 1 {
+                        (self.taken, self.count) = (earlier(self.taken), self.count + 1);
+                    }
+                    (self.count, self.refused) = (self.count.saturating_add(1), 0);
                 }
                 false
             }
@@ -127,9 +131,28 @@ impl Numbers {
     }
 }
 
-/// The number that comes `count` later. Zero is left to a control that has just been started.
+/// The number that comes `count` later.
 fn later(number: u16, count: u16) -> u16 {
-    (0..count).fold(number, |number, _| number.checked_add(1).unwrap_or(1))
+    match (u32::from(number), u32::from(count)) {
+        (_, 0) => number,
+        (number, count) => u16::try_from((number + count - 1) % u32::from(ALL) + 1).unwrap_or(ALL),
+    }
+}
+
+/// The number before this one.
+fn earlier(number: u16) -> u16 {
+    if number <= 1 { ALL } else { number - 1 }
+}
+
+/// How many numbers later `number` comes. `None` if it does not come: zero is never next.
+fn distance(from: u16, number: u16) -> Option<u16> {
+    match (from, number) {
+        (from, number) if from == number => Some(0),
+        (_, 0) => None,
+        (0, number) => Some(number),
+        (from, number) if number > from => Some(number - from),
+        (from, number) => Some(ALL - from + number),
+    }
 }
 
 #[cfg(test)]
@@ -290,9 +313,39 @@ mod tests {
         assert_eq!(numbers.count, 69);
     }
 
+    /// Days on which the control refuses everything, and days on which its acknowledge is missing.
+    #[test]
+    fn after_days_of_refusals_the_number_of_the_control_is_still_in_turn() {
+        for (mut world, kind) in worlds().map(|world| (world, world.control.kind)) {
+            let is_wire = world.control.number == 6;
+            for _ in 0..100_000 {
+                let number = world.numbers.next();
+                if is_wire {
+                    world.control.sees(number, world.values);
+                }
+                assert!(!world.numbers.result(Attempt::Refused));
+            }
+            // Two rounds, each with a number more.
+            let most = 2 * u32::from(world.numbers.count) + 2;
+            let attempts = (1..=most).find(|_| world.attempt(Fate::Good));
+            assert!(attempts.is_some(), "{kind:?}, {is_wire}: {world:?} is stuck");
+        }
+    }
+
     #[test]
     fn zero_is_no_number_of_a_set() {
         assert_eq!((later(65535, 1), later(0, 1), later(65534, 3)), (1, 1, 2));
+        assert_eq!((earlier(1), earlier(0), earlier(65535)), (65535, 65535, 65534));
         assert_eq!(Numbers::perhaps(0).next(), 1);
+        for (from, count) in [(0, 0), (0, 3), (1, 65534), (6, 200), (65535, 1), (65000, 1000)] {
+            assert_eq!(distance(from, later(from, count)), Some(count), "{from} {count}");
+        }
+        assert_eq!(distance(7, 0), None);
+    }
+
+    #[test]
+    fn a_control_that_waits_for_the_last_number_before_one_is_reached() {
+        let control = Control { kind: Kind::NextOnly, number: 65534, values: 0 };
+        World { numbers: Numbers::perhaps(1), control, values: 1 }.recovers();
     }
 }

@@ -85,7 +85,7 @@ pub enum PositionAction {
     Interlocked(Condition),
     /// Write the position with this Cz.
     Correct(Micron),
-    /// Give the display dashes: nobody corrects its position.
+    /// Write dashes: the position is not corrected.
     ShowDashes,
 }
 
@@ -141,8 +141,6 @@ pub enum PositionEvent {
     Released,
     /// Another value was read back than was written. The next is reported after a success.
     NotShown,
-    /// The device shows what is written again.
-    Verified,
 }
 
 impl PositionTurn {
@@ -221,10 +219,14 @@ impl PositionController {
             return (dashes.unwrap_or(PositionAction::Nothing), None);
         }
         let event = self.interlock_is(demand.interlock);
-        match demand.interlock {
-            Condition::Met => (PositionAction::Correct(self.inside.next((cz, target, at), step)), event),
-            condition => (PositionAction::Interlocked(condition), event),
+        if demand.interlock == Condition::Met {
+            return (PositionAction::Correct(self.inside.next((cz, target, at), step)), event);
         }
+        if self.inside == Inside::Nothing {
+            // The axis moves on behind the interlock. The first position after it is a step from here.
+            self.inside = Inside::Written(cz, at);
+        }
+        (PositionAction::Interlocked(demand.interlock), event)
     }
 
     /// If the condition is not known, the lost signal is reported.
@@ -254,9 +256,8 @@ impl PositionController {
         };
         match turn.result? {
             PositionResult::Written => {
-                (self.inside, self.dashes_at) = (Inside::Written(cz, at), None);
-                let was_untaken = self.trouble.take() == Some(Trouble::Untaken);
-                was_untaken.then_some(PositionEvent::Verified)
+                (self.inside, self.dashes_at, self.trouble) = (Inside::Written(cz, at), None, None);
+                None
             }
             PositionResult::NotShown => {
                 self.inside = Inside::Sent(cz);
@@ -340,12 +341,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_shown_is_reported_once_and_its_end_too() {
+    fn what_is_not_shown_is_reported_once_until_a_success() {
         let mut one = PositionController::default();
         assert_eq!(result(&mut one, 5.0, PositionResult::NotShown), Some(PositionEvent::NotShown));
         assert_eq!(result(&mut one, 5.0, PositionResult::NotShown), None);
-        assert_eq!(result(&mut one, 5.0, PositionResult::Written), Some(PositionEvent::Verified));
         assert_eq!(result(&mut one, 5.0, PositionResult::Written), None);
+        assert_eq!(result(&mut one, 5.0, PositionResult::NotShown), Some(PositionEvent::NotShown));
     }
 
     #[test]
@@ -360,6 +361,20 @@ mod tests {
         assert_eq!(step(&resting), (PositionAction::Nothing, None));
         let corrected = PositionAction::Correct(micron(5.0));
         assert_eq!(step(&demand(3)), (corrected, Some(PositionEvent::Released)));
+    }
+
+    #[test]
+    fn the_first_position_after_an_interlock_is_a_step_from_the_cz_at_which_it_was_armed() {
+        let mut one = PositionController::default();
+        let at = |at: u64, cz: f64, interlock| {
+            let decision = PositionDecision { cz: micron(cz), target: micron(30.0), at: second(at) };
+            PositionDemand { decision: Some(decision), interlock, ..demand(at) }
+        };
+        for seconds in 1..=30 {
+            let demand = at(seconds, f64::from(u32::try_from(seconds).unwrap()) - 1.0, Condition::NotMet);
+            assert_eq!(next(&mut one, &demand), PositionAction::Interlocked(Condition::NotMet));
+        }
+        assert_eq!(next(&mut one, &at(31, 30.0, Condition::Met)), PositionAction::Correct(micron(1.0)));
     }
 
     #[test]

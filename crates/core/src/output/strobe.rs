@@ -103,6 +103,11 @@ impl Strobe {
         self.wait.map(|wait| wait.ask)
     }
 
+    /// Returns whether the strobe is up, or may still rise.
+    pub fn may_be_up(&self) -> bool {
+        self.level == StrobeLevel::Up || self.may_rise_until.is_some()
+    }
+
     /// Failure of the last handshake, until one succeeds.
     pub fn failed(&self) -> Option<HandshakeFault> {
         self.reported

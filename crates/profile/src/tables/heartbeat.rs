@@ -54,7 +54,7 @@ impl Heartbeat {
         self.address.node().map_or(DataType::U16, Node::taken_as)
     }
 
-    /// Largest count: its type may hold more, and 16 bits of that are used.
+    /// Returns the largest count: that of the register type, at most 65535.
     pub fn highest(&self) -> u16 {
         let highest = self.data_type().integer_range().map_or(0, |(_, highest)| highest);
         u16::try_from(highest).unwrap_or(u16::MAX)

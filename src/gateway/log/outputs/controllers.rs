@@ -9,6 +9,7 @@ use isotherm_core::output::{
 };
 use isotherm_core::quantity::{Micron, Moment, Shift, Shifted};
 
+const MOST_REPETITIONS: u64 = 100_000;
 const SET: &str = "set";
 const SET_BEGIN: &str = "set-begin";
 const POSITION: &str = "position";
@@ -64,23 +65,43 @@ pub struct SetTurn {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeartbeatTurn {
-    /// Whether it counts.
+    /// Heartbeat of the turn.
     pub beat: Beat,
     /// Count to write.
     pub count: Option<u16>,
 }
 
 impl Turn {
-    /// Name of the row, and that of the action.
-    pub(super) fn names(&self) -> (&'static str, &'static str) {
+    /// Name of the row.
+    pub(super) fn row(&self) -> &'static str {
         match self {
-            Turn::Set(turn) => (SET, turn.action.name()),
-            Turn::Position(turn) => (POSITION, turn.action.name()),
-            Turn::Heartbeat(turn) => (HEARTBEAT, if turn.count.is_some() { "write" } else { "nothing" }),
+            Turn::Set(_) => SET,
+            Turn::Position(_) => POSITION,
+            Turn::Heartbeat(_) => HEARTBEAT,
         }
     }
 
-    /// Returns whether it asked for nothing.
+    /// Name of the action.
+    pub(super) fn action(&self) -> &'static str {
+        match self {
+            Turn::Set(turn) => turn.action.name(),
+            Turn::Position(turn) => turn.action.name(),
+            Turn::Heartbeat(turn) => {
+                if turn.count.is_some() {
+                    "write"
+                } else {
+                    "nothing"
+                }
+            }
+        }
+    }
+
+    /// Largest number of repetitions that its row may count. Those of a minute are fewer. Turns of a set are never counted.
+    pub(super) fn most_repetitions(&self) -> u64 {
+        if matches!(self, Turn::Set(_)) { 0 } else { MOST_REPETITIONS }
+    }
+
+    /// Returns whether the action is to do nothing.
     pub(in crate::gateway) fn is_idle(&self) -> bool {
         match self {
             Turn::Set(turn) => matches!(turn.action, SetAction::Nothing { .. }),
@@ -89,7 +110,7 @@ impl Turn {
         }
     }
 
-    /// Returns whether it repeats the last one, so that it is counted instead of recorded. `before`, `after`: state after each of them.
+    /// Returns whether this turn repeats `last`: the log counts such turns. `before`, `after`: state after each of them.
     pub(in crate::gateway) fn repeats(
         &self,
         last: &Turn,
@@ -162,18 +183,18 @@ impl Shifted for Turn {
 /// Controller that resumes, with its settings.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
-pub enum Resumed {
+pub enum ControllerSnapshot {
     /// Of a set.
-    Set(Box<ResumedSet>),
+    Set(Box<SetSnapshot>),
     /// Of a corrected position.
-    Position(ResumedPosition),
+    Position(PositionSnapshot),
     /// Of the heartbeat in a register of its own.
-    Heartbeat(ResumedHeartbeat),
+    Heartbeat(HeartbeatSnapshot),
 }
 
 /// Controller of a set, with its settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ResumedSet {
+pub struct SetSnapshot {
     /// Settings.
     pub settings: SetSettings,
     /// State.
@@ -182,7 +203,7 @@ pub struct ResumedSet {
 
 /// Controller of a corrected position, with its settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ResumedPosition {
+pub struct PositionSnapshot {
     /// Largest change of Cz from one decision to the next.
     pub step: Micron,
     /// State.
@@ -191,29 +212,38 @@ pub struct ResumedPosition {
 
 /// Controller of a heartbeat, with its settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ResumedHeartbeat {
+pub struct HeartbeatSnapshot {
     /// Largest count of the register.
     pub highest: u16,
     /// State.
     pub heartbeat: HeartbeatController,
 }
 
-impl Resumed {
-    /// Name of the row.
+impl ControllerSnapshot {
+    /// Name of the row that has it.
     pub(super) fn name(&self) -> &'static str {
         match self {
-            Resumed::Set(_) => SET_BEGIN,
-            Resumed::Position(_) => POSITION_BEGIN,
-            Resumed::Heartbeat(_) => HEARTBEAT_BEGIN,
+            ControllerSnapshot::Set(_) => SET_BEGIN,
+            ControllerSnapshot::Position(_) => POSITION_BEGIN,
+            ControllerSnapshot::Heartbeat(_) => HEARTBEAT_BEGIN,
+        }
+    }
+
+    /// Name of the rows of its turns.
+    pub(super) fn row(&self) -> &'static str {
+        match self {
+            ControllerSnapshot::Set(_) => SET,
+            ControllerSnapshot::Position(_) => POSITION,
+            ControllerSnapshot::Heartbeat(_) => HEARTBEAT,
         }
     }
 
     /// Reads the detail of a row. `None` if no controller begins with rows of this name.
-    pub(super) fn parse(row: &str, detail: &str) -> Option<serde_json::Result<Resumed>> {
+    pub(super) fn parse(row: &str, detail: &str) -> Option<serde_json::Result<ControllerSnapshot>> {
         Some(match row {
-            SET_BEGIN => parse(detail, Resumed::Set),
-            POSITION_BEGIN => parse(detail, Resumed::Position),
-            HEARTBEAT_BEGIN => parse(detail, Resumed::Heartbeat),
+            SET_BEGIN => parse(detail, ControllerSnapshot::Set),
+            POSITION_BEGIN => parse(detail, ControllerSnapshot::Position),
+            HEARTBEAT_BEGIN => parse(detail, ControllerSnapshot::Heartbeat),
             _ => return None,
         })
     }
@@ -222,8 +252,8 @@ impl Resumed {
     /// kind of controller.
     pub(super) fn again(&mut self, turn: &Turn, now: Moment) -> Option<Turn> {
         Some(match (self, turn) {
-            (Resumed::Set(resumed), Turn::Set(turn)) => {
-                let ResumedSet { settings, set } = &mut **resumed;
+            (ControllerSnapshot::Set(resumed), Turn::Set(turn)) => {
+                let SetSnapshot { settings, set } = &mut **resumed;
                 let action = set.step(settings, &turn.input, now);
                 for controller in set.members_mut() {
                     let _ = controller.take_events();
@@ -231,13 +261,16 @@ impl Resumed {
                 let _ = set.take_faults();
                 Turn::Set(Box::new(SetTurn { input: turn.input.clone(), action }))
             }
-            (Resumed::Position(ResumedPosition { step, position }), Turn::Position(turn)) => {
+            (ControllerSnapshot::Position(PositionSnapshot { step, position }), Turn::Position(turn)) => {
                 let (action, _) = position.next(&turn.demand, *step, now);
                 let turn = PositionTurn { action, ..*turn };
                 let _ = position.result(&turn, now);
                 Turn::Position(turn)
             }
-            (Resumed::Heartbeat(ResumedHeartbeat { highest, heartbeat }), Turn::Heartbeat(turn)) => {
+            (
+                ControllerSnapshot::Heartbeat(HeartbeatSnapshot { highest, heartbeat }),
+                Turn::Heartbeat(turn),
+            ) => {
                 let count = heartbeat.next(turn.beat, *highest);
                 Turn::Heartbeat(HeartbeatTurn { count, ..*turn })
             }
@@ -246,12 +279,12 @@ impl Resumed {
     }
 }
 
-impl Shifted for Resumed {
+impl Shifted for ControllerSnapshot {
     fn shift(&mut self, by: Shift) {
         match self {
-            Resumed::Set(resumed) => resumed.set.shift(by),
-            Resumed::Position(resumed) => resumed.position.shift(by),
-            Resumed::Heartbeat(_) => {}
+            ControllerSnapshot::Set(resumed) => resumed.set.shift(by),
+            ControllerSnapshot::Position(resumed) => resumed.position.shift(by),
+            ControllerSnapshot::Heartbeat(_) => {}
         }
     }
 }

@@ -6,8 +6,8 @@ use std::io::Read;
 use csv::StringRecord;
 
 use super::{
-    BEGIN, Beginning, CLOCK, DemandDetail, EARLIER, FAILURES, FAULT, HEADER, MOST_REPETITIONS, Resumed,
-    Towards, Turn, WRITES, action, input,
+    BEGIN, Beginning, CLOCK, ControllerSnapshot, DemandDetail, EARLIER, FAILURES, FAULT, HEADER, Towards,
+    Turn, WRITES, action, input,
 };
 use crate::gateway::log::LogError;
 use crate::gateway::log::reader::unreadable;
@@ -40,9 +40,9 @@ pub enum Entry {
         /// What was to be done next.
         action: Action,
     },
-    /// A controller with turns resumes from this.
-    Resumes(Box<Resumed>),
-    /// A controller had a turn.
+    /// State from which a controller with turns resumes.
+    Resumes(Box<ControllerSnapshot>),
+    /// Turn of a controller.
     Turn {
         /// Repetitions of the turn before.
         repetitions: u64,
@@ -135,10 +135,11 @@ impl<R: Read> OutputLogReader<R> {
             self.error(line, DETAIL, why)
         };
         let (fact, detail) = (self.cell(FACT), self.cell(DETAIL));
-        let entry = if let Some(resumed) = Resumed::parse(fact, detail) {
+        let entry = if let Some(resumed) = ControllerSnapshot::parse(fact, detail) {
             Entry::Resumes(Box::new(resumed.map_err(wrong)?))
         } else if let Some(turn) = Turn::parse(fact, detail) {
-            Entry::Turn { repetitions: self.repetitions(line)?, turn: turn.map_err(wrong)? }
+            let turn = turn.map_err(wrong)?;
+            Entry::Turn { repetitions: self.repetitions(line, turn.most_repetitions())?, turn }
         } else {
             match fact {
                 BEGIN => Entry::Begins(serde_json::from_str(detail).map_err(wrong)?),
@@ -153,11 +154,12 @@ impl<R: Read> OutputLogReader<R> {
         Ok(OutputRow { line, now, output: self.cell(OUTPUT).to_owned(), entry })
     }
 
-    fn repetitions(&self, line: u64) -> Result<u64, LogError> {
+    fn repetitions(&self, line: u64, most: u64) -> Result<u64, LogError> {
         let text = self.cell(VALUE);
         let count = if text.is_empty() { Some(0) } else { text.parse().ok() };
-        let wrong = || self.error(line, VALUE, format!("`{text}` is no number of repetitions"));
-        count.filter(|count| *count <= MOST_REPETITIONS).ok_or_else(wrong)
+        let wrong =
+            || self.error(line, VALUE, format!("`{text}` is not a number of repetitions from 0 to {most}"));
+        count.filter(|count| *count <= most).ok_or_else(wrong)
     }
 
     /// A fact or an action, from where its name, its value and its moment stand.

@@ -4,7 +4,8 @@ use std::fmt::Display;
 use std::io::Write;
 
 use super::{
-    BEGIN, Beginning, CLOCK, Detail, FAILURES, FAULT, Resumed, Turn, WRITES, cells_of_action, cells_of_input,
+    BEGIN, Beginning, CLOCK, ControllerSnapshot, Detail, FAILURES, FAULT, Turn, WRITES, cells_of_action,
+    cells_of_input,
 };
 use crate::clock::Correction;
 use crate::gateway::log::recorder::{cell, has_to_be_quoted};
@@ -42,23 +43,22 @@ impl OutputRecorder {
         self.ends(",", &detail.map_or(String::new(), |detail| cell(&detail)))
     }
 
-    /// A controller resumes from this state.
-    pub fn resume(&mut self, now: Moment, name: &str, resumed: &Resumed) -> &[u8] {
+    /// Formats the state from which a controller resumes.
+    pub fn resume(&mut self, now: Moment, name: &str, resumed: &ControllerSnapshot) -> &[u8] {
         // Numbers, names and lists of them always have a JSON form.
         let detail = serde_json::to_string(&resumed.clone().shifted(self.shift)).unwrap_or_default();
         self.begins(now, name, resumed.name());
         self.ends(",,,,,,", &cell(&detail))
     }
 
-    /// A controller had this turn, after as many repetitions of the one before.
+    /// Formats a turn. `repetitions`: repetitions of the turn before it.
     pub fn turn(&mut self, now: Moment, name: &str, turn: &Turn, repetitions: u64) -> &[u8] {
         // Numbers, names and lists of them always have a JSON form.
         let detail = serde_json::to_string(&turn.clone().shifted(self.shift)).unwrap_or_default();
-        let (row, action) = turn.names();
-        self.begins(now, name, row);
+        self.begins(now, name, turn.row());
         self.value_and_moment((repetitions > 0).then_some(repetitions), Moment::END);
         // Writing to a vector never fails.
-        let _ = write!(self.line, ",{action}");
+        let _ = write!(self.line, ",{}", turn.action());
         self.ends(",,,", &cell(&detail))
     }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{Entry, OutputRow, Resumed, Turn, message};
+use super::{ControllerSnapshot, Entry, OutputRow, Turn, message};
 use isotherm_core::output::{Controller, Settings};
 use isotherm_core::quantity::Moment;
 
@@ -10,9 +10,12 @@ use isotherm_core::quantity::Moment;
 #[derive(Clone, Debug, Default)]
 pub struct OutputReplay {
     running: BTreeMap<String, Box<(Settings, Controller)>>,
-    /// Controllers with turns, and the last turn of each.
-    resumed: BTreeMap<String, (Box<Resumed>, Option<Turn>)>,
+    /// Controllers with turns, by name and kind of row, and the last turn of each.
+    resumed: BTreeMap<(String, &'static str), Resumed>,
 }
+
+/// Controller with turns, and its last turn.
+type Resumed = (Box<ControllerSnapshot>, Option<Turn>);
 
 /// What a row came to.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -41,8 +44,9 @@ impl OutputReplay {
                 self.running.insert(row.output.clone(), Box::new((beginning.settings, controller)));
                 return Replayed::Nothing;
             }
-            Entry::Resumes(resumed) => {
-                self.resumed.insert(row.output.clone(), (resumed.clone(), None));
+            Entry::Resumes(snapshot) => {
+                let key = (row.output.clone(), snapshot.row());
+                self.resumed.insert(key, (snapshot.clone(), None));
                 return Replayed::Nothing;
             }
             Entry::Turn { repetitions, turn } => {
@@ -61,22 +65,28 @@ impl OutputReplay {
         Replayed::Different { recorded: message(recorded), replayed: message(replayed) }
     }
 
-    /// Carries out a turn, and before it the repetitions of the one before.
+    /// Carries out a turn, and before it the repetitions of the one before. The first difference counts.
     fn turn(&mut self, name: &str, (repetitions, recorded): (u64, &Turn), now: Moment) -> Replayed {
-        let Some((resumed, last)) = self.resumed.get_mut(name) else { return Replayed::Unknown };
+        let key = (name.to_owned(), recorded.row());
+        let Some((snapshot, last)) = self.resumed.get_mut(&key) else { return Replayed::Unknown };
+        let different = |recorded: &Turn, replayed: &Turn| Replayed::Different {
+            recorded: recorded.in_words(),
+            replayed: replayed.in_words(),
+        };
+        let mut first = None;
         for _ in 0..repetitions {
             let Some(turn) = last.take().map(Turn::again) else { return Replayed::Unknown };
-            let Some(replayed) = resumed.again(&turn, now) else { return Replayed::Unknown };
-            if !replayed.is_same_action(&turn) {
-                return Replayed::Different { recorded: turn.in_words(), replayed: replayed.in_words() };
+            let Some(replayed) = snapshot.again(&turn, now) else { return Replayed::Unknown };
+            if first.is_none() && !replayed.is_same_action(&turn) {
+                first = Some(different(&turn, &replayed));
             }
-            *last = Some(replayed);
+            *last = Some(turn);
         }
-        let Some(replayed) = resumed.again(recorded, now) else { return Replayed::Unknown };
+        let Some(replayed) = snapshot.again(recorded, now) else { return Replayed::Unknown };
         *last = Some(recorded.clone());
-        if replayed == *recorded {
-            return Replayed::Same;
-        }
-        Replayed::Different { recorded: recorded.in_words(), replayed: replayed.in_words() }
+        first.unwrap_or_else(|| match replayed == *recorded {
+            true => Replayed::Same,
+            false => different(recorded, &replayed),
+        })
     }
 }

@@ -4,8 +4,8 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::gateway::log::outputs::{
-    ControllerState, Entry, HEADER, HeartbeatTurn, OutputLogReader, OutputReplay, Replayed, Resumed,
-    ResumedHeartbeat, ResumedPosition, Turn,
+    ControllerSnapshot, ControllerState, Entry, HEADER, HeartbeatSnapshot, HeartbeatTurn, OutputLogReader,
+    OutputReplay, PositionSnapshot, Replayed, Turn,
 };
 use isotherm_core::output::{
     Beat, Condition, HeartbeatController, PositionAction, PositionController, PositionDecision,
@@ -31,14 +31,14 @@ fn micron(value: f64) -> Micron {
 }
 
 impl Bench {
-    fn new() -> Bench {
+    fn new(now: Moment) -> Bench {
         let (queue, jobs) = sync_channel(OUTPUT_QUEUE);
         let log = OutputsLog::of(["readout_z", "heartbeat"].map(str::to_owned), (1, 0), queue);
         let (position, heartbeat) = Default::default();
-        Bench { log, jobs, position, heartbeat, decision: None, now: noon(), turns: 0 }
+        Bench { log, jobs, position, heartbeat, decision: None, now, turns: 0 }
     }
 
-    /// 100 ms in which everything may happen, and mostly nothing new does.
+    /// Runs one turn of 100 ms with random faults.
     fn goes_on(&mut self, chance: u16) {
         self.now = self.now.after(Duration::from_millis(100));
         if chance.is_multiple_of(8) {
@@ -69,11 +69,14 @@ impl Bench {
         self.position.result(&turn, self.now);
         let state = ControllerState::Position;
         let ended =
-            TurnEnded { before: state(before), turn: Turn::Position(turn), after: state(self.position) };
+            TurnRecord { before: state(before), turn: Turn::Position(turn), after: state(self.position) };
         self.turns += u64::from(!ended.turn.is_idle() || !ended.before.is_like(&ended.after));
-        let resumed = || Resumed::Position(ResumedPosition { step: micron(1.0), position: before });
+        let resumed =
+            || ControllerSnapshot::Position(PositionSnapshot { step: micron(1.0), position: before });
         self.log.turned(Steady::Position(OutputId(0)), ended, resumed, self.now);
-        self.log.wrote(Steady::Position(OutputId(0)), self.now);
+        if result == Some(PositionResult::Written) {
+            self.log.wrote(Steady::Position(OutputId(0)), self.now);
+        }
         self.beats([Beat::Silent, Beat::Stands, Beat::Counts, Beat::Counts][usize::from(chance >> 14)]);
     }
 
@@ -83,10 +86,10 @@ impl Bench {
         self.turns += 1;
         let (turn, state) = (HeartbeatTurn { beat, count: Some(count) }, ControllerState::Heartbeat);
         let (turn, after) = (Turn::Heartbeat(turn), state(self.heartbeat));
-        let resumed = || Resumed::Heartbeat(ResumedHeartbeat { highest: 9, heartbeat: before });
+        let resumed = || ControllerSnapshot::Heartbeat(HeartbeatSnapshot { highest: 9, heartbeat: before });
         self.log.turned(
             Steady::Heartbeat,
-            TurnEnded { before: state(before), turn, after },
+            TurnRecord { before: state(before), turn, after },
             resumed,
             self.now,
         );
@@ -120,7 +123,7 @@ fn replayed(text: &str) -> u64 {
 
 #[test]
 fn a_readout_that_shows_the_same_cz_for_an_hour_has_a_row_a_minute() {
-    let mut bench = Bench::new();
+    let mut bench = Bench::new(noon());
     bench.goes_on(0xc808);
     (0..36_000).for_each(|_| bench.goes_on(65_021));
     assert!(bench.turns > 36_000, "{}", bench.turns);
@@ -131,12 +134,64 @@ fn a_readout_that_shows_the_same_cz_for_an_hour_has_a_row_a_minute() {
     assert!(rows < 5 * 60, "{rows} rows");
 }
 
+#[test]
+fn turns_that_write_nothing_are_recorded_after_a_minute_too() {
+    let mut bench = Bench::new(noon());
+    bench.goes_on(0xc808);
+    // The interlock is open.
+    (0..3600 * 10).for_each(|_| bench.goes_on(0xc801));
+    let turns = bench.turns;
+    let text = bench.rows();
+    assert_eq!(replayed(&text), turns);
+    assert!(text.matches(",position,").count() >= 59, "{text}");
+}
+
+#[test]
+fn a_turn_that_began_before_midnight_begins_the_controller_again_in_the_new_file() {
+    let mut bench = Bench::new(noon().after(DAY / 2).before(Duration::from_millis(150)));
+    bench.goes_on(0xc808);
+    let before = bench.now;
+    (0..5).for_each(|_| bench.goes_on(65_021));
+    bench.now = before;
+    bench.goes_on(0xc810);
+    bench.goes_on(0xc801);
+    let turns = bench.turns;
+    let days: Vec<_> = bench
+        .jobs
+        .try_iter()
+        .map(|job| match job {
+            Job::OutputRow { at, .. } => keeping::day(at),
+            job => panic!("{job:?}"),
+        })
+        .collect();
+    assert!(days.is_sorted() && days[0] != days[days.len() - 1], "{days:?}");
+    assert!(turns > 0);
+}
+
+#[test]
+fn a_difference_is_reported_and_the_rows_behind_it_are_compared_too() {
+    let mut bench = Bench::new(noon());
+    bench.goes_on(0xc808);
+    (0..150).for_each(|_| bench.goes_on(65_021));
+    let text = bench.rows();
+    // A heartbeat that counts to another number.
+    let text = text.replacen(r#"""highest"":9"#, r#"""highest"":7"#, 1);
+    let mut reader = OutputLogReader::open(text.as_bytes(), "day").unwrap();
+    let mut replay = OutputReplay::default();
+    let mut came = Vec::new();
+    while let Some(row) = reader.next_row().unwrap() {
+        came.push(replay.row(&row));
+    }
+    assert!(came.iter().any(|one| matches!(one, Replayed::Different { .. })), "{came:?}");
+    assert!(came.iter().all(|one| *one != Replayed::Unknown), "{came:?}");
+}
+
 proptest! {
     #[test]
     fn whatever_happens_every_turn_of_a_readout_and_of_a_heartbeat_comes_out_again(
-        chances in prop::collection::vec((any::<u16>(), 1..30_usize), 1..40),
+        chances in prop::collection::vec((any::<u16>(), 1..30_usize), 1..40), before_midnight in 0..60_u32,
     ) {
-        let mut bench = Bench::new();
+        let mut bench = Bench::new(noon().after(DAY / 2).before(Duration::from_secs(1) * before_midnight));
         for (chance, times) in chances {
             (0..times).for_each(|_| bench.goes_on(chance));
         }

@@ -1,0 +1,93 @@
+//! Namespaces of a server: which index each URI has, and the nodes of a profile as the server names them now.
+
+use std::sync::Arc;
+
+use ::opcua::types::{ByteString, Guid, NodeId, Variant};
+use isotherm_core::codec::{self, Identifier, Namespace};
+
+use crate::fieldbus::error::{CallerFault, Fault};
+
+/// URIs of the namespaces, by index, as the server had them when the connection was opened.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Namespaces(Arc<[String]>);
+
+impl Namespaces {
+    /// The server's NamespaceArray. Anything else has no URIs: then only nodes that are named by an index are found.
+    pub(super) fn of(array: Option<&Variant>) -> Namespaces {
+        let Some(Variant::Array(array)) = array else { return Namespaces::default() };
+        let uri = |value: &Variant| match value {
+            Variant::String(uri) => uri.as_ref().to_owned(),
+            _ => String::new(),
+        };
+        Namespaces(array.values.iter().map(uri).collect())
+    }
+
+    /// Index of a namespace. `None` if the server does not have the URI, or has it twice.
+    fn index(&self, namespace: &Namespace) -> Option<u16> {
+        let uri = match namespace {
+            Namespace::Index(index) => return Some(*index),
+            Namespace::Uri(uri) => uri,
+        };
+        let mut places = (0..=u16::MAX).zip(&*self.0).filter(|(_, known)| *known == uri);
+        let first = places.next()?.0;
+        places.next().is_none().then_some(first)
+    }
+
+    /// URI of an index.
+    pub(super) fn uri(&self, index: u16) -> Option<&str> {
+        self.0.get(usize::from(index)).map(String::as_str).filter(|uri| !uri.is_empty())
+    }
+
+    /// A node as the library has it. `None` if the server does not have its namespace.
+    ///
+    /// # Errors
+    /// It is no node of the library.
+    pub(super) fn node_id(&self, id: &codec::NodeId) -> Result<Option<NodeId>, Fault> {
+        let Some(namespace) = self.index(&id.namespace) else { return Ok(None) };
+        let invalid = Fault::Caller(CallerFault::Extent);
+        Ok(Some(match &id.identifier {
+            Identifier::Number(number) => NodeId::new(namespace, *number),
+            Identifier::Text(text) => NodeId::new(namespace, text.as_str()),
+            Identifier::Guid(text) => NodeId::new(namespace, text.parse::<Guid>().map_err(|_| invalid)?),
+            Identifier::Opaque(text) => NodeId::new(namespace, ByteString::from_base64(text).ok_or(invalid)?),
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ::opcua::types::{Array, UAString, VariantScalarTypeId};
+
+    fn namespaces(uris: &[&str]) -> Namespaces {
+        let values: Vec<Variant> = uris.iter().map(|uri| Variant::String(UAString::from(*uri))).collect();
+        let array = Array::new(VariantScalarTypeId::String, values).unwrap();
+        Namespaces::of(Some(&Variant::from(array)))
+    }
+
+    fn found(namespaces: &Namespaces, node: &str) -> Option<String> {
+        namespaces.node_id(&node.parse().unwrap()).unwrap().map(|id| id.to_string())
+    }
+
+    #[test]
+    fn a_uri_has_the_index_at_which_the_server_has_it_now() {
+        let before = namespaces(&["http://opcfoundation.org/UA/", "urn:server", "urn:lathe", "urn:mill"]);
+        let after = namespaces(&["http://opcfoundation.org/UA/", "urn:server", "urn:mill", "urn:lathe"]);
+        assert_eq!(found(&before, "nsu=urn:mill;s=offset").as_deref(), Some("ns=3;s=offset"));
+        assert_eq!(found(&after, "nsu=urn:mill;s=offset").as_deref(), Some("ns=2;s=offset"));
+        assert_eq!(found(&after, "ns=3;s=offset").as_deref(), Some("ns=3;s=offset"));
+        assert_eq!(found(&after, "i=2258").as_deref(), Some("i=2258"));
+        assert_eq!((before.uri(2), before.uri(4)), (Some("urn:lathe"), None));
+    }
+
+    #[test]
+    fn a_uri_that_is_not_there_or_there_twice_names_no_node() {
+        let twice = namespaces(&["http://opcfoundation.org/UA/", "urn:mill", "urn:mill"]);
+        assert_eq!(found(&twice, "nsu=urn:mill;i=7"), None);
+        assert_eq!(found(&twice, "nsu=urn:lathe;i=7"), None);
+        for none in [None, Some(&Variant::from(7_u32))] {
+            assert_eq!(found(&Namespaces::of(none), "nsu=urn:mill;i=7"), None);
+            assert_eq!(found(&Namespaces::of(none), "ns=2;i=7").as_deref(), Some("ns=2;i=7"));
+        }
+    }
+}
