@@ -36,7 +36,8 @@
 //! `heartbeat-begin` and `heartbeat`. A turn that only repeats the one before, with a newer position or the next count, has no row: `value`
 //! of the next row has their number, after a minute at the latest.
 //!
-//! Positions, heartbeats and control words are written again and again, whatever the last result was. They also have the rows `fault` (in `detail`, once until a write is answered), and `writes` and `failures` (how many since `moment`, a minute or
+//! Positions, heartbeats and control words are written again and again, whatever the last result was. They also have the rows
+//! `fault` (in `detail`, once until a write is answered), and `writes` and `failures` (how many since `moment`, a minute or
 //! more). A file that begins because the computer's clock was set says in its first row, `clock`, from when to when. Rows of earlier
 //! versions: `cz`, of a corrected position, in `value` a changed Cz, µm; and `sealed`, of no output, with the numbers of
 //! state and ledger. A replay passes over them.
