@@ -112,7 +112,7 @@ fn search(settings: &Settings, budget: Budget, most: usize) -> (usize, Option<St
     (known.len(), broken)
 }
 
-const STATES: usize = 20_000;
+const STATES: usize = 15_000;
 const FAULTS: Budget = Budget { holds: 1, losses: 1, targets: 2, has_guard: true, ..Budget::NONE };
 
 fn both() -> Settings {

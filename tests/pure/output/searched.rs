@@ -31,7 +31,7 @@ fn holds(what: &str, settings: &Settings, budget: Budget) {
 
 /// States of a search that must find nothing. More, and more steps of a walk:
 /// `SEARCH_STATES=2000000 WALK_STEPS=5000000 cargo nextest run --workspace --features full --test pure searched --no-capture`.
-const STATES: usize = 20_000;
+const STATES: usize = 15_000;
 /// States of a search that must find something. It ends where it does.
 const MOST: usize = 200_000;
 
