@@ -134,6 +134,12 @@ fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Resu
                 Answer::Gone => continue,
                 Answer::Claim(rival) => rival,
                 Answer::Silent if other.shares_line => return Err(silent(own, other.process)),
+                // It is asked again, until it is gone.
+                Answer::Cut if other.shares_line => {
+                    waits_for = Some(silent(own, other.process));
+                    continue;
+                }
+                Answer::Cut => continue,
                 Answer::Silent => {
                     unseen = Some(format!("process {} does not answer", other.process));
                     continue;

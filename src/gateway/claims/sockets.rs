@@ -79,6 +79,8 @@ pub(super) enum Answer {
     Gone,
     /// The gateway sends no claim, or one that cannot be parsed.
     Silent,
+    /// The connection ended before the whole claim came: the gateway is about to end.
+    Cut,
     /// The system does not allow the connection.
     Failed(io::Error),
 }
@@ -108,7 +110,11 @@ impl Other {
     /// Asks the gateway for its claim.
     pub(super) fn ask(&self) -> Answer {
         match self.receive() {
-            Ok(claim) => serde_json::from_slice(&claim).map_or(Answer::Silent, Answer::Claim),
+            Ok(claim) => match serde_json::from_slice(&claim) {
+                Ok(claim) => Answer::Claim(claim),
+                Err(error) if error.is_eof() => Answer::Cut,
+                Err(_) => Answer::Silent,
+            },
             Err(error) => match error.kind() {
                 io::ErrorKind::ConnectionRefused | io::ErrorKind::ConnectionReset => Answer::Gone,
                 io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => Answer::Silent,
@@ -166,6 +172,16 @@ mod tests {
 
     fn one(order: u32, name: &str) -> Claim {
         claim(order, std::iter::once(name.to_owned()))
+    }
+
+    #[test]
+    fn a_gateway_that_ends_while_it_is_asked_is_no_rival() {
+        let own = one(random(), &format!("tcp test:{}", random()));
+        let name = format!("{PREFIX}{}-{:08x}/{}", own.process, own.order ^ 1, joined(&hashes(&own)));
+        let listener = UnixListener::bind_addr(&SocketAddr::from_abstract_name(name).unwrap()).unwrap();
+        let ends = std::thread::spawn(move || drop(listener.accept().unwrap()));
+        assert_eq!(crate::gateway::claims::compare_with_others(&own, |_| false), Ok(None));
+        ends.join().unwrap();
     }
 
     #[test]

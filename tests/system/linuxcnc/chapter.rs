@@ -100,19 +100,21 @@ fn one_more_linuxcnc_runs_in_namespaces_of_its_own() {
 fn the_demo_holds_the_machine_with_a_real_control_in_the_loop() {
     let home = tempfile::tempdir().unwrap();
     let all = commands("docs/machines.md");
-    let mut words = command(&all, "isotherm demo ").split(' ').skip(1);
-    let mut demo = isotherm(home.path());
-    demo.env("TMPDIR", home.path());
-    // A fifth of its time, eighty times as fast as the clock.
-    demo.args(words.by_ref().map(|word| if word == "1h" { "12min" } else { word }));
-    let output = demo.args(["--speed", "80", "--json"]).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{said}");
-    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    let range = |name: &str| report[name].as_f64().unwrap();
-    let (without, with) = (range("uncompensated_range_um"), range("compensated_range_um"));
-    println!("{without} µm uncompensated, {with} µm compensated");
-    assert!(without > 3.0 && with < 2.0, "{report}");
+    let words = command(&all, "isotherm demo ").split(' ').skip(1);
+    // A fifth of its time. On a busy computer the control does not follow at eighty times the speed of the clock.
+    let words: Vec<_> = words.map(|word| if word == "1h" { "12min" } else { word }).collect();
+    let is_compensated = |speed: &str| {
+        let mut demo = isotherm(home.path());
+        demo.env("TMPDIR", home.path()).args(&words).args(["--speed", speed, "--json"]);
+        let output = demo.output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let range = |name: &str| report[name].as_f64().unwrap();
+        let (without, with) = (range("uncompensated_range_um"), range("compensated_range_um"));
+        println!("{without} µm uncompensated, {with} µm compensated, at a speed of {speed}");
+        without > 3.0 && with < 2.0
+    };
+    assert!(is_compensated("80") || is_compensated("20"));
     let left: Vec<_> =
         std::fs::read_dir(home.path()).unwrap().flatten().map(|entry| entry.file_name()).collect();
     let left = left.iter().filter(|name| name.to_string_lossy().starts_with("isotherm-"));
