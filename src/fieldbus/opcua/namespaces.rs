@@ -41,7 +41,7 @@ impl Namespaces {
     /// A node as the library has it. `None` if the server does not have its namespace.
     ///
     /// # Errors
-    /// It is no node of the library.
+    /// The identifier is invalid.
     pub(super) fn node_id(&self, id: &codec::NodeId) -> Result<Option<NodeId>, Fault> {
         let Some(namespace) = self.index(&id.namespace) else { return Ok(None) };
         let invalid = Fault::Caller(CallerFault::Extent);

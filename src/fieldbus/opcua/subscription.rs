@@ -22,7 +22,6 @@ use ::opcua::types::{
     MonitoringMode, MonitoringParameters, NodeId, PublishResponse, StatusChangeNotification, StatusCode,
     TimestampsToReturn,
 };
-use isotherm_core::codec::Node;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::plan::Subscription;
 
@@ -145,13 +144,12 @@ pub(super) async fn subscribe(
     let made = link.ask(create.send(&channel)).await?;
     session.subscribes(made.subscription_id);
     let mut revised = Revised::of(&made);
-    let (namespaces, unknown) = (session.namespaces(), StatusCode::BadNodeIdUnknown);
-    let node_id = |node: &Node| namespaces.node_id(&node.id).ok().flatten();
+    let namespaces = session.namespaces();
     let mut values = Vec::with_capacity(asked.nodes.len());
     let mut known = Vec::with_capacity(asked.nodes.len());
     for (place, node) in asked.nodes.iter().enumerate() {
-        let id = node_id(node);
-        values.push(id.is_none().then(|| without_value(unknown)));
+        let id = namespaces.node_id(&node.id).ok().flatten();
+        values.push(id.is_none().then(|| without_value(StatusCode::BadNodeIdUnknown)));
         known.extend(id.map(|id| (place, id)));
     }
     for some in known.chunks(most.clamp(1, AT_ONCE)) {

@@ -69,8 +69,8 @@ impl OpcUa {
         }
     }
 
-    /// As many calls as the server's limit needs. All of it is as old as the first. A node whose namespace the server does not have is not
-    /// asked for.
+    /// Reads nodes, in as many calls as the limit of the server requires. All values are as old as the first call. The server is not asked
+    /// for a node whose namespace it does not have.
     async fn read(&mut self, nodes: &[Node], departure: &mut Departure) -> Result<Answer, Fault> {
         let namespaces = self.session.namespaces();
         let known: Result<Vec<Option<NodeId>>, Fault> =

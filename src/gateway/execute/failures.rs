@@ -14,7 +14,7 @@ const CHANGED_AFTER: u32 = 20;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Access {
     Read,
-    /// Of the register in which the control says what it applies.
+    /// Read of the register in which the control says what it applies.
     ReadApplied,
     Write,
 }
@@ -74,7 +74,7 @@ impl Failures {
         })
     }
 
-    /// An alarm of the output was reported.
+    /// Takes note that an alarm of the output was reported.
     pub(super) fn raise(&mut self) {
         self.alarm = Alarm::Raised;
     }
@@ -84,7 +84,7 @@ impl Failures {
         std::mem::take(&mut self.alarm) == Alarm::Raised
     }
 
-    /// The device answers other requests: if it does not answer writes, nobody else reports that.
+    /// Takes note of whether the device answers other requests. If it does, only the output can report that it does not answer writes.
     pub(super) fn device_answers(&mut self, answers: bool) {
         self.last_read = if answers { LastRead::Answered } else { LastRead::NotAnswered };
     }

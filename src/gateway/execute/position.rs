@@ -103,8 +103,8 @@ impl Position {
         }
         let (turn, state) = (Turn::Position(ended), ControllerState::Position);
         let ended = TurnRecord { before: state(before), turn, after: state(self.controller) };
-        let resumed = || ControllerSnapshot::Position(PositionSnapshot { step, position: before });
-        shared.core().storage.outputs.turned(Steady::Position(self.id), ended, resumed, now);
+        let snapshot = || ControllerSnapshot::Position(PositionSnapshot { step, position: before });
+        shared.core().storage.outputs.turned(Steady::Position(self.id), ended, snapshot, now);
     }
 
     /// Writes a position with this Cz. Returns `None` if the value is not admitted.

@@ -159,13 +159,13 @@ impl Set {
         self.publish(shared, &mut core);
         if let Some(before) = before {
             let state = |set: &SetController| ControllerState::Set(Box::new(set.clone()));
-            let resumed = || {
+            let snapshot = || {
                 let (settings, set) = (self.settings.clone(), before.clone());
                 ControllerSnapshot::Set(Box::new(SetSnapshot { settings, set }))
             };
             let turn = Turn::Set(Box::new(SetTurn { input: input.clone(), action: action.clone() }));
             let ended = TurnRecord { before: state(&before), turn, after: state(&self.controller) };
-            core.storage.outputs.turned(Steady::Set(self.id), ended, resumed, now);
+            core.storage.outputs.turned(Steady::Set(self.id), ended, snapshot, now);
         }
         action
     }

@@ -53,8 +53,8 @@ impl Pulse {
         let state = ControllerState::Heartbeat;
         let turn = Turn::Heartbeat(HeartbeatTurn { beat, count: Some(count) });
         let ended = TurnRecord { before: state(before), turn, after: state(self.controller) };
-        let resumed = || ControllerSnapshot::Heartbeat(HeartbeatSnapshot { highest, heartbeat: before });
-        shared.core().storage.outputs.turned(Steady::Heartbeat, ended, resumed, now);
+        let snapshot = || ControllerSnapshot::Heartbeat(HeartbeatSnapshot { highest, heartbeat: before });
+        shared.core().storage.outputs.turned(Steady::Heartbeat, ended, snapshot, now);
         let Heartbeat { device, address, .. } = &self.heartbeat;
         let functions = shared.profile.device(*device).functions;
         let count = self.heartbeat.data_type().encode(u64::from(count));

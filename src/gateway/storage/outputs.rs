@@ -258,8 +258,8 @@ impl OutputsLog {
         }
     }
 
-    /// What a row of now belongs to. If that is another file, what the one before lacks is queued first. If the clock was set, the first row
-    /// of the file says so.
+    /// Returns the stretch of a row of now. If it is another one, counted turns of the one before are queued first. If the clock was set, the
+    /// first row of the file says so.
     fn stretch(&mut self, now: Moment) -> Stretch {
         let (stamped, latest) = (self.stamps.look(now), self.latest.max(now));
         let day = keeping::day(latest.shifted(stamped.shift));

@@ -54,7 +54,7 @@ async fn a_namespace_that_is_not_there_or_there_twice_has_no_nodes() {
     let mut gone = line(&machine(server.port, "").replace("ns=2;s=bed", "nsu=urn:gone;s=bed"));
     assert_eq!(gone.signals().await.unwrap()[0], Err(unknown));
     assert_eq!(server.does("read offset"), "0");
-    // By its index it is found: nobody can say whose that is.
+    // A node that is named by its index is found, whichever namespace has that index.
     let directory = tempfile::tempdir().unwrap();
     let mut by_index = Line::new(profile(&machine(server.port, ""), directory.path()));
     assert_eq!(by_index.signals().await, Ok([Ok(20.0), Ok(100.0)]));

@@ -35,7 +35,7 @@ impl Namespace {
     fn parse(text: &str) -> Result<(Namespace, &str), String> {
         let (by_uri, by_index) = (text.strip_prefix("nsu="), text.strip_prefix("ns="));
         let Some(rest) = by_uri.or(by_index) else { return Ok((Namespace::Index(0), text)) };
-        let ends = || format!("`{text}` ends behind its namespace");
+        let ends = || format!("`{text}` has no `;` and no name after its namespace");
         let (name, rest) = rest.split_once(';').ok_or_else(ends)?;
         if by_index.is_some() {
             let wrong = |_| format!("the namespace of `{text}` is no number up to 65535");
@@ -249,7 +249,7 @@ mod tests {
         assert_eq!(uri, Namespace::Uri("urn:a;b%c".to_owned()));
         for (text, word) in [
             ("holding:104", "is no node"),
-            ("ns=2", "ends behind its namespace"),
+            ("ns=2", "no name after its namespace"),
             ("ns=65536;i=1", "no number up to 65535"),
             ("ns=2;s=", "no name"),
             ("i=-1", "no number of 32 bits"),
@@ -259,7 +259,7 @@ mod tests {
             ("b=M/R", "no Base64"),
             ("b=QR==", "bits of its last digit"),
             ("b=QUF=", "bits of its last digit"),
-            ("nsu=urn:plc", "ends behind its namespace"),
+            ("nsu=urn:plc", "no name after its namespace"),
             ("nsu=;s=offset", "no URI behind `nsu=`"),
             ("nsu=urn:50%;s=offset", "is written %25"),
             ("nsu=urn:a%20b;s=offset", "is written %25"),

@@ -159,7 +159,7 @@ impl PositionTurn {
         *self == PositionTurn { demand, ..*last } && before.is_alike_inside(after)
     }
 
-    /// The same turn with the next position.
+    /// Returns the turn that repeats this one with the next position.
     #[must_use]
     pub fn again(mut self) -> PositionTurn {
         self.demand.read_at = self.demand.read_at.after(Duration::from_nanos(1));

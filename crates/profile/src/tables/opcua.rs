@@ -114,8 +114,7 @@ pub(super) const TYPES: &str =
 /// The node at the key `node`.
 pub(super) fn id(at: &At<'_>, text: Option<&String>, what: &str) -> Option<NodeId> {
     let at = at.key("node");
-    let help =
-        "write the server's name for it, as \"ns=2;s=/Nck/State\" or \"ns=3;i=1005\"; a browser shows it";
+    let help = "write the server's name for it, as \"ns=2;s=/Nck/State\" or \"nsu=http://plc.example;s=/Nck/State\"; `isotherm read --browse` shows it";
     let Some(text) = text else {
         at.missing(format!("`node` is missing: {what}"), help);
         return None;

@@ -20,11 +20,11 @@ const HEARTBEAT_BEGIN: &str = "heartbeat-begin";
 /// State of a controller.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ControllerState {
-    /// Of a set.
+    /// Set.
     Set(Box<SetController>),
-    /// Of a corrected position.
+    /// Corrected position.
     Position(PositionController),
-    /// Of the heartbeat in a register of its own.
+    /// Heartbeat in a register of its own.
     Heartbeat(HeartbeatController),
 }
 
@@ -43,11 +43,11 @@ impl ControllerState {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Turn {
-    /// Of a set.
+    /// Set.
     Set(Box<SetTurn>),
-    /// Of a corrected position.
+    /// Corrected position.
     Position(PositionTurn),
-    /// Of the heartbeat in a register of its own.
+    /// Heartbeat in a register of its own.
     Heartbeat(HeartbeatTurn),
 }
 
@@ -86,13 +86,8 @@ impl Turn {
         match self {
             Turn::Set(turn) => turn.action.name(),
             Turn::Position(turn) => turn.action.name(),
-            Turn::Heartbeat(turn) => {
-                if turn.count.is_some() {
-                    "write"
-                } else {
-                    "nothing"
-                }
-            }
+            Turn::Heartbeat(HeartbeatTurn { count: Some(_), .. }) => "write",
+            Turn::Heartbeat(HeartbeatTurn { count: None, .. }) => "nothing",
         }
     }
 
@@ -137,7 +132,7 @@ impl Turn {
         }
     }
 
-    /// The action, as a message says it.
+    /// Returns the action, as a message says it.
     pub(super) fn in_words(&self) -> String {
         // Numbers, names and lists of them always have a JSON form.
         match self {
@@ -148,7 +143,7 @@ impl Turn {
         .unwrap_or_default()
     }
 
-    /// The turn that repeats this one.
+    /// Returns the turn that repeats this one.
     pub(super) fn again(self) -> Turn {
         match self {
             Turn::Position(turn) => Turn::Position(turn.again()),
@@ -184,11 +179,11 @@ impl Shifted for Turn {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum ControllerSnapshot {
-    /// Of a set.
+    /// Set.
     Set(Box<SetSnapshot>),
-    /// Of a corrected position.
+    /// Corrected position.
     Position(PositionSnapshot),
-    /// Of the heartbeat in a register of its own.
+    /// Heartbeat in a register of its own.
     Heartbeat(HeartbeatSnapshot),
 }
 
@@ -252,8 +247,8 @@ impl ControllerSnapshot {
     /// kind of controller.
     pub(super) fn again(&mut self, turn: &Turn, now: Moment) -> Option<Turn> {
         Some(match (self, turn) {
-            (ControllerSnapshot::Set(resumed), Turn::Set(turn)) => {
-                let SetSnapshot { settings, set } = &mut **resumed;
+            (ControllerSnapshot::Set(snapshot), Turn::Set(turn)) => {
+                let SetSnapshot { settings, set } = &mut **snapshot;
                 let action = set.step(settings, &turn.input, now);
                 for controller in set.members_mut() {
                     let _ = controller.take_events();
@@ -282,8 +277,8 @@ impl ControllerSnapshot {
 impl Shifted for ControllerSnapshot {
     fn shift(&mut self, by: Shift) {
         match self {
-            ControllerSnapshot::Set(resumed) => resumed.set.shift(by),
-            ControllerSnapshot::Position(resumed) => resumed.position.shift(by),
+            ControllerSnapshot::Set(snapshot) => snapshot.set.shift(by),
+            ControllerSnapshot::Position(snapshot) => snapshot.position.shift(by),
             ControllerSnapshot::Heartbeat(_) => {}
         }
     }

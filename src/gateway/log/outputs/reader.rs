@@ -135,8 +135,8 @@ impl<R: Read> OutputLogReader<R> {
             self.error(line, DETAIL, why)
         };
         let (fact, detail) = (self.cell(FACT), self.cell(DETAIL));
-        let entry = if let Some(resumed) = ControllerSnapshot::parse(fact, detail) {
-            Entry::Resumes(Box::new(resumed.map_err(wrong)?))
+        let entry = if let Some(snapshot) = ControllerSnapshot::parse(fact, detail) {
+            Entry::Resumes(Box::new(snapshot.map_err(wrong)?))
         } else if let Some(turn) = Turn::parse(fact, detail) {
             let turn = turn.map_err(wrong)?;
             Entry::Turn { repetitions: self.repetitions(line, turn.most_repetitions())?, turn }

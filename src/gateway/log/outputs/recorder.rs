@@ -44,10 +44,10 @@ impl OutputRecorder {
     }
 
     /// Formats the state from which a controller resumes.
-    pub fn resume(&mut self, now: Moment, name: &str, resumed: &ControllerSnapshot) -> &[u8] {
+    pub fn resume(&mut self, now: Moment, name: &str, snapshot: &ControllerSnapshot) -> &[u8] {
         // Numbers, names and lists of them always have a JSON form.
-        let detail = serde_json::to_string(&resumed.clone().shifted(self.shift)).unwrap_or_default();
-        self.begins(now, name, resumed.name());
+        let detail = serde_json::to_string(&snapshot.clone().shifted(self.shift)).unwrap_or_default();
+        self.begins(now, name, snapshot.name());
         self.ends(",,,,,,", &cell(&detail))
     }
 

@@ -71,9 +71,9 @@ impl Bench {
         let ended =
             TurnRecord { before: state(before), turn: Turn::Position(turn), after: state(self.position) };
         self.turns += u64::from(!ended.turn.is_idle() || !ended.before.is_like(&ended.after));
-        let resumed =
+        let snapshot =
             || ControllerSnapshot::Position(PositionSnapshot { step: micron(1.0), position: before });
-        self.log.turned(Steady::Position(OutputId(0)), ended, resumed, self.now);
+        self.log.turned(Steady::Position(OutputId(0)), ended, snapshot, self.now);
         if result == Some(PositionResult::Written) {
             self.log.wrote(Steady::Position(OutputId(0)), self.now);
         }
@@ -86,11 +86,11 @@ impl Bench {
         self.turns += 1;
         let (turn, state) = (HeartbeatTurn { beat, count: Some(count) }, ControllerState::Heartbeat);
         let (turn, after) = (Turn::Heartbeat(turn), state(self.heartbeat));
-        let resumed = || ControllerSnapshot::Heartbeat(HeartbeatSnapshot { highest: 9, heartbeat: before });
+        let snapshot = || ControllerSnapshot::Heartbeat(HeartbeatSnapshot { highest: 9, heartbeat: before });
         self.log.turned(
             Steady::Heartbeat,
             TurnRecord { before: state(before), turn, after },
-            resumed,
+            snapshot,
             self.now,
         );
         self.log.wrote(Steady::Heartbeat, self.now);
