@@ -24,6 +24,7 @@ mod broker;
 mod certificate;
 mod check;
 mod command;
+mod confirm;
 mod demo;
 mod descriptors;
 mod events;
@@ -151,6 +152,8 @@ enum Verb {
     Sign(sign::Arguments),
     /// An axis's measured error, for the running gateway to learn from
     Measured(measured::Arguments),
+    /// Accept a device of the running gateway that a person has looked at
+    Confirm(confirm::Arguments),
     /// The frames of a device of the running gateway, as they pass
     Trace(trace::Arguments),
     /// What happened at a machine, before the last restart too
@@ -265,6 +268,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Zero(arguments) => command::run(&arguments, Command::Zero),
         Verb::Sign(arguments) => sign::run(&arguments),
         Verb::Measured(arguments) => measured::run(&arguments),
+        Verb::Confirm(arguments) => confirm::run(&arguments),
         Verb::Events(arguments) => events::run(&arguments),
         #[cfg(feature = "parquet")]
         Verb::Export(arguments) => export::run(&arguments),

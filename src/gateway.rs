@@ -32,8 +32,8 @@ mod can;
 #[cfg(feature = "opcua")]
 pub mod certificates;
 pub mod claims;
-mod commissioning;
 mod contact;
+mod continuity;
 pub mod control;
 mod core;
 mod dependents;
@@ -234,7 +234,7 @@ impl Gateway {
         };
         let was_driven = (0..profile.axes.len()).map(was_driven).collect();
         let core = |given| {
-            let mut core = Core::new(given, recalled.remembered, storage);
+            let mut core = Core::new(given, recalled.remembered, storage, clock.now());
             core.was_driven = was_driven;
             core.storage.signs = recalled.signs;
             if let Ok(Some(handover)) = &options.handover {

@@ -130,6 +130,9 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
             "is the sensor broken, or are `range`, `scale` or `word_order` wrong?"
         }
         Reason::TooFast => "is a contact loose, does a drive disturb it? Else `max_rate` is too small",
+        Reason::Jumped => {
+            "is it the same device with the same settings? If so: `isotherm confirm PROFILE DEVICE`"
+        }
         Reason::ShortFrame => "the node sends less than the profile reads: is it another variant of it?",
         Reason::NotANumber => "are `type` and `word_order` those of the device?",
         Reason::WrongType => "write the node's own `type`",

@@ -30,9 +30,10 @@ use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::owed::{Owed, Spans};
 use super::pipeline::Pipeline;
 use super::trace::Tap;
-use super::wire::{Answer, Ending, NodeRequest, Request};
+use super::wire::{Answer, NodeRequest, Request};
 use crate::clock::{Clock, Patience};
-use continuity::Continuity;
+use continuity::Evidence;
+use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, Device, DeviceId};
 use units::{FIRST_PAUSE, Units};
@@ -81,7 +82,7 @@ pub struct DeviceLine {
     short_lives: u32,
     /// How long we give way.
     yielding: Backoff,
-    continuity: Continuity,
+    evidence: Evidence,
 }
 
 /// An answer that was checked against its question.
@@ -104,10 +105,10 @@ pub trait Witness: Send + Sync {
         refusals: (u32, Fault),
     );
 
-    /// Another device may have replaced this one, or each on the line (`None`): a connection was refused or lost.
-    fn may_be_exchanged(&self, _device: Option<DeviceId>) {}
+    /// Contact with a device, or with each on the line (`None`), was broken: another one may answer next.
+    fn breaks(&self, _device: Option<DeviceId>, _cause: Break) {}
 
-    /// Whether the device has passed its checks since its last possible exchange.
+    /// Returns whether the device has passed its checks since contact was last broken.
     fn is_verified(&self, _device: DeviceId) -> bool {
         true
     }
@@ -148,7 +149,7 @@ impl DeviceLine {
             has_answered: false,
             short_lives: 0,
             yielding: Backoff::new(FIRST_PAUSE, seed(&bus.name)),
-            continuity: Continuity::default(),
+            evidence: Evidence::default(),
         }
     }
 
@@ -373,7 +374,7 @@ impl DeviceLine {
             {
                 witness.subscribes(device, what);
             }
-            self.look_for_exchange(place, &answer, now);
+            self.look_for_a_break(place, &answer, now);
             if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
                 break self.settle(place, request, answer, now);
             }
@@ -435,7 +436,7 @@ impl DeviceLine {
                 let number = self.units.at(place).number;
                 if !has_ids && self.misses >= MISSES {
                     // The port may belong to another adapter when it is opened again.
-                    self.unit_may_be_exchanged(number);
+                    self.unit_breaks(number, Break::InterfaceDown);
                 }
                 if has_ids || is_lost || self.misses >= MISSES {
                     self.wire = None;
@@ -454,7 +455,7 @@ impl DeviceLine {
             }
             _ => {
                 self.misses = 0;
-                self.continuity.answered();
+                self.evidence.answered();
                 let unit = self.units.at_mut(place);
                 unit.heard = now;
                 unit.breaker.succeed();
@@ -469,11 +470,7 @@ impl DeviceLine {
 
     /// Hangs up: what is on its way on the connection belongs to a time that is over.
     pub fn hang_up(&mut self) {
-        if let Some(mut connection) = self.wire.take()
-            && connection.wire().ending() != Ending::Kept
-        {
-            self.all_may_be_exchanged();
-        }
+        self.wire = None;
         self.units.owed.each().for_each(Owed::anything);
     }
 
@@ -570,9 +567,9 @@ impl DeviceLine {
                 self.is_put_down = false;
                 (self.connected_at, self.has_answered) = (now, false);
                 self.redial.succeed();
-                self.continuity.connected();
+                self.evidence.connected();
                 if !self.dial.resumes() {
-                    self.all_may_be_exchanged();
+                    self.all_break(Break::NewConnection);
                 }
                 Ok(())
             }
@@ -580,7 +577,7 @@ impl DeviceLine {
                 self.is_put_down = false;
                 self.redial.fail(now);
                 self.refused = fault;
-                self.all_may_be_exchanged();
+                self.all_break(Break::Refused);
                 Err(fault)
             }
         }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use isotherm_core::compensation::Permit;
+use isotherm_core::compensation::{Permit, ReturnTo};
 use isotherm_core::display::Intent;
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::{Micron, Moment};
@@ -48,6 +48,8 @@ pub(super) struct Arming {
     pub(super) take_over: Option<Micron>,
     /// The same for a slope that the control applies: its effect at the axis's reach.
     pub(super) take_over_slope: Option<Micron>,
+    /// Cz before the settings of one of its sensors were changed.
+    pub(super) return_to: Option<ReturnTo>,
     /// A person has switched it off, and has looked: its sensors are believed at the next step.
     pub(super) trust: bool,
 }

@@ -3,10 +3,11 @@
 use std::sync::Arc;
 
 use isotherm_core::codec::{Motion, Tracked};
+use isotherm_core::continuity::{RateFault, RateFilter};
 use isotherm_core::explained::Cause;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
-use isotherm_profile::Profile;
+use isotherm_profile::{DeviceId, Profile};
 
 /// Steps in a row at which a signal is bad for another reason before that is reported.
 const CHANGED_AFTER_STEPS: u32 = 2;
@@ -14,8 +15,8 @@ const CHANGED_AFTER_STEPS: u32 = 2;
 #[derive(Debug)]
 pub(super) struct Board {
     latest: Latest,
-    /// What the rate of change is measured from.
-    believed: Vec<Option<(f64, Moment)>>,
+    /// Rate of change of each signal.
+    rates: Vec<RateFilter>,
     /// Where the counters are, with their rollovers.
     tracked: Vec<Tracked>,
     /// The position before and after a counter was set anew, until it is reported.
@@ -65,7 +66,7 @@ impl Board {
                 readings: vec![Reading::NEVER; signals],
                 failing: vec![None; signals],
             },
-            believed: vec![None; signals],
+            rates: vec![RateFilter::default(); signals],
             tracked: vec![Tracked::default(); signals],
             rereferenced: vec![None; signals],
             seen: vec![Reading::NEVER; signals],
@@ -73,30 +74,24 @@ impl Board {
         }
     }
 
-    /// Takes in what a line brought, if it can be believed: inside the signal's range, and not faster than its rate
-    /// allows since the last value that was believed.
-    pub(super) fn store(&mut self, id: SignalId, value: Result<f64, Reason>, at: Moment) {
+    /// Takes in what a line brought, if it is plausible: inside the signal's range, and not faster than its rate allows since the last
+    /// good value, also over breaks of its device's continuity, of which there were this many.
+    pub(super) fn store(&mut self, id: SignalId, value: Result<f64, Reason>, at: Moment, breaks: u64) {
         self.latest.failing[id.0] = None;
         let position = value.and_then(|value| self.position(id, value, at));
-        let (signal, believed) = (self.latest.profile.signal(id), self.believed[id.0]);
+        let signal = self.latest.profile.signal(id);
         let judged = position.and_then(|value| {
             if signal.range.is_some_and(|(low, high)| !(low..=high).contains(&value)) {
                 return Err(Reason::OutOfRange);
             }
-            if let (Some(rate), Some((last, taken))) = (signal.max_rate, believed) {
-                // A second at least: two polls close together must not make noise look fast.
-                let seconds = at.since(taken).as_secs_f64().max(1.0);
-                if (value - last).abs() > rate * seconds {
-                    return Err(Reason::TooFast);
-                }
+            match self.rates[id.0].judge(value, at, signal.max_rate, breaks) {
+                Ok(()) => Ok(value),
+                Err(RateFault::TooFast) => Err(Reason::TooFast),
+                Err(RateFault::Jumped) => Err(Reason::Jumped),
             }
-            Ok(value)
         });
         self.latest.readings[id.0] = match judged {
-            Ok(value) => {
-                self.believed[id.0] = Some((value, at));
-                Reading::good(value, at)
-            }
+            Ok(value) => Reading::good(value, at),
             Err(reason) => Reading::bad(at, reason),
         };
     }
@@ -114,6 +109,16 @@ impl Board {
                 Ok(to)
             }
         }
+    }
+
+    /// A person has confirmed a device: the next values of its signals are accepted. Returns the names of those that had jumped.
+    pub(super) fn confirm(&mut self, device: DeviceId) -> Vec<String> {
+        let profile = self.latest.profile.clone();
+        let of_device = profile.signals_of(device).filter(|(id, _)| self.rates[id.0].has_jumped());
+        let jumped: Vec<(SignalId, String)> =
+            of_device.map(|(id, signal)| (id, signal.name.clone())).collect();
+        jumped.iter().for_each(|(id, _)| self.rates[id.0].forget());
+        jumped.into_iter().map(|(_, name)| name).collect()
     }
 
     /// An attempt to read it failed. One lost answer is no fault of the machine: the last value serves until it is stale.

@@ -54,8 +54,6 @@ pub(super) struct Lost {
     pub(super) fault: Explained,
     /// Requests that failed since.
     pub(super) missed: u64,
-    /// Those in a row.
-    in_a_row: u64,
     /// Reported cause; `None` until the loss is reported.
     reported: Option<Cause<String>>,
     /// It answers again, since then.
@@ -170,7 +168,6 @@ impl Contact {
         count.answered = true;
         let has_returned = match &mut count.lost {
             Some(lost) if lost.reported.is_some() => {
-                lost.in_a_row = 0;
                 now.since(*lost.answers_since.get_or_insert(now)) >= BELIEVED_AFTER
             }
             _ => true,
@@ -185,15 +182,14 @@ impl Contact {
         }));
     }
 
-    /// Counts a failed request, after so many attempts to connect that failed like this. Returns whether as many requests in a
-    /// row have failed as a possible exchange of the device takes.
+    /// Counts a failed request, after so many attempts to connect that failed like this.
     pub(super) fn fails(
         &mut self,
         id: DeviceId,
         fault: Fault,
         (attempts, refused): (u32, Fault),
         events: &mut Vec<Event>,
-    ) -> bool {
+    ) {
         // What comes after a connection was made is the device's doing.
         if fault.is_of_the_line() && attempts > 0 {
             let refusal = self.explained(id, refused);
@@ -203,7 +199,7 @@ impl Contact {
             if !(self.profile.bus(bus).transport.is_can() && self.buses[bus.0].connected) {
                 self.link_is_down(bus, attempts.into(), refused, events);
             }
-            return false;
+            return;
         }
         let explained = self.explained(id, fault);
         let count = &mut self.devices[id.0];
@@ -215,7 +211,6 @@ impl Contact {
         if lost.missed >= reported_after && lost.has_news() {
             events.push(lost.report(self.profile.device(id)));
         }
-        lost.in_a_row == reported_after
     }
 
     /// Nothing comes of a device any more; reported once, but for a bus that is down, which has been.
@@ -278,7 +273,6 @@ impl DeviceCount {
     fn misses(&mut self, fault: Explained) -> &mut Lost {
         let lost = self.lost.get_or_insert_default();
         (lost.missed, lost.answers_since, lost.fault) = (lost.missed + 1, None, fault);
-        lost.in_a_row += 1;
         lost
     }
 }

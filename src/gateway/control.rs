@@ -1,8 +1,8 @@
 //! Commands to a running gateway over its own Unix socket in the state directory: `isotherm arm`, `disarm`,
-//! `zero`, `cancel`, `measured`.
+//! `zero`, `cancel`, `measured`, `confirm`.
 //!
 //! One line in, one line out: `disarm` → `ok z: off …` or `error …`; `measured z 3.2`, in µm, and `measured z clear`. Who may
-//! open the file may command, once a second of an axis and verb. A line may end with
+//! open the file may command, once a second of an axis and verb. `confirm module` accepts a device. A line may end with
 //!
 //! | word | means |
 //! |---|---|
@@ -59,7 +59,8 @@ mod user;
 
 pub use super::sign::PATIENCE as SIGN_ANSWERED_WITHIN;
 pub use client::{
-    Failure, Presence, arm, presence, restart, restart_is_wrong, send, send_measured, sign, status, trace,
+    Failure, Presence, arm, presence, restart, restart_is_wrong, send, send_confirm, send_measured, sign,
+    status, trace,
 };
 pub use sockets::{listening, path};
 pub use user::forbidden;
@@ -237,7 +238,7 @@ impl Desk {
         }
         let Some(line) = line else {
             let known = format!(
-                "error {UNKNOWN} arm, disarm, zero, cancel, sign, measured, trace, status, restart\n"
+                "error {UNKNOWN} arm, disarm, zero, cancel, sign, measured, confirm, trace, status, restart\n"
             );
             return say(&mut writer, &known).await;
         };
@@ -323,6 +324,8 @@ enum What<'a> {
     Command(Command),
     /// An axis's measured error, µm; `None` takes back what such errors have taught.
     Measured(&'a str, Option<f64>),
+    /// A device that a person has looked at.
+    Confirm(&'a str),
 }
 
 impl<'a> Line<'a> {
@@ -334,6 +337,7 @@ impl<'a> Line<'a> {
                 let (axis, error) = (words.next()?, words.next()?);
                 What::Measured(axis, if error == "clear" { None } else { Some(error.parse().ok()?) })
             }
+            "confirm" => What::Confirm(words.next()?),
             word => What::Command(Command::ALL.into_iter().find(|(name, _)| *name == word)?.1),
         };
         let mut line = Line { what, axis: None, time: None, id: None, until: None, stays: false };
@@ -370,6 +374,7 @@ impl<'a> Line<'a> {
                 let report = error.map(|error| MeasuredReport::new(error, self.time, self.id));
                 source.measured(axis, report.transpose()?, asker)
             }
+            What::Confirm(device) => source.confirm(device, asker),
         }
     }
 }

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use super::arming::{Arming, Attempt};
 use super::board::{Board, Change};
-use super::commissioning::{Commissioning, Finding};
 use super::contact::Contact;
+use super::continuity::Devices;
 use super::dependents::Dependents;
 use super::lock::LockTimes;
 use super::noted::Noted;
@@ -21,7 +21,10 @@ use super::why::{BEYOND_ERROR, Reasons, WHEN_FOUND};
 use crate::observe::asker::Way;
 use crate::observe::events::Event;
 use isotherm_core::compensation::settings::OnFault;
-use isotherm_core::compensation::{AxisState, Compensation, Control, Decision, Remembered, Snapshot};
+use isotherm_core::compensation::{
+    AxisState, Compensation, Control, Decision, Remembered, ReturnTo, Snapshot,
+};
+use isotherm_core::continuity::{Continuity, sentence};
 use isotherm_core::explained::Explained;
 use isotherm_core::output::farthest_behind;
 use isotherm_core::quantity::{Micron, Moment};
@@ -49,7 +52,7 @@ pub(super) struct Core {
     /// By output: what is known of its register, where one task alone carries it out.
     pub(super) registers: Vec<Option<isotherm_core::output::Controller>>,
     pub(super) contact: Contact,
-    pub(super) commissioning: Commissioning,
+    pub(super) devices: Devices,
     pub(super) storage: Storage,
     pub(super) restarts: Restarts,
     /// By axis: when a change that it decided must have left at the latest.
@@ -83,7 +86,7 @@ pub(super) struct Core {
 
 impl Core {
     /// A core with what was remembered from before, as it stands before the first reading.
-    pub(super) fn new(given: Given, remembered: Remembered, storage: Storage) -> Core {
+    pub(super) fn new(given: Given, remembered: Remembered, storage: Storage, start: Moment) -> Core {
         let profile = &given.profile;
         let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
         let compensation = Compensation::new(profile.machine.clone(), axes, remembered);
@@ -96,7 +99,7 @@ impl Core {
             outputs: Outputs::new(profile),
             registers: vec![None; profile.outputs.len()],
             contact: Contact::new(profile),
-            commissioning: Commissioning::new(profile),
+            devices: Devices::new(profile, start),
             storage,
             restarts: Restarts::new(profile),
             not_after: vec![Moment::default(); profile.axes.len()],
@@ -179,6 +182,8 @@ impl Core {
                 };
                 self.not_after[axis] = match (decision.model, decision.state) {
                     (Some(model), state) if state.is_following() => live_until(model),
+                    // What it goes back to was decided on readings that nobody doubts.
+                    (_, AxisState::Holding(_)) if self.controls[axis].return_to.is_some() => soon,
                     // It holds because its readings have died: what it decided may go out as long as it might have then.
                     // One whose output is in trouble holds on good ones, as long as they are that.
                     (_, AxisState::Holding(_)) => {
@@ -220,11 +225,20 @@ impl Core {
             let Some(axis) = axis else { return is_urgent };
             let arming = &self.arming[axis];
             let permit = arming.permit(profile, axis, &self.outputs, self.runs_fault_actions(), *dry_run);
-            let Arming { take_over, take_over_slope, trust, .. } = *arming;
+            let Arming { take_over, take_over_slope, trust, return_to, .. } = *arming;
             let sign = arming.sign.as_ref().map(|check| check.to);
             let Probing { forget, measured, .. } = self.probing[axis];
-            self.controls[axis] =
-                Control { permit, take_over, take_over_slope, forget, measured, sign, trust, behind: None };
+            self.controls[axis] = Control {
+                permit,
+                take_over,
+                take_over_slope,
+                forget,
+                measured,
+                sign,
+                trust,
+                behind: None,
+                return_to,
+            };
             is_urgent |= self.compensation.is_due(axis, now, &self.controls[axis]);
         }
     }
@@ -246,13 +260,14 @@ impl Core {
                 continue;
             }
             let snapshot = Snapshot::new(now, self.board.seen());
-            let found = self.commissioning.of_axis(axis);
-            let ready = *found == Finding::Fit && self.compensation.has_usable_model(axis, &snapshot);
+            let found = self.devices.of_axis(axis);
+            let ready =
+                *found == Continuity::Confirmed && self.compensation.has_usable_model(axis, &snapshot);
             let beyond = self.compensation.beyond_error(axis, &snapshot);
             let name = &profile.axes[axis].settings.name;
             let attempt = match found {
-                Finding::Wrong(why) if self.arming[axis].is_wanted(profile, axis) => {
-                    Attempt::Refused(why.as_str().into())
+                Continuity::Changed(differences) if self.arming[axis].is_wanted(profile, axis) => {
+                    Attempt::Refused(sentence(differences).into())
                 }
                 _ => self.arming[axis].attempt(profile, axis, &self.outputs, ready, beyond),
             };
@@ -284,6 +299,8 @@ impl Core {
                         }
                     }
                     self.was_armed = true;
+                    let slope = take_over_slope.unwrap_or(Micron::ZERO);
+                    self.devices.armed(axis, ReturnTo { cz: from, slope });
                     if by_person {
                         self.storage.answered();
                     }

@@ -1,19 +1,25 @@
-//! Reads the checks of the devices on one line, and sets up first those that want it: CANopen nodes, before each of their
+//! Reads the checks of the devices on one line, and sets up first those that require it: CANopen nodes, before each of their
 //! starts.
+//!
+//! The checks of a device are read before anything that depends on it is armed, after each break of its continuity, and every few
+//! seconds while one does not pass. While the device is confirmed, each check is read once in its period, so that settings which
+//! are changed at the device are found: a module that sends whole degrees instead of tenths sends plausible temperatures.
 
 use std::time::Duration;
 
-use super::commissioning::Finding;
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, CanRequest, Request};
 use crate::gateway::can::Can;
+use crate::gateway::core::Core;
 use crate::gateway::line_handle::LineHandle;
 use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
+use isotherm_core::continuity::{Continuity, Difference, Found, sentence};
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{BusId, DeviceId, Profile, Setup};
+use isotherm_profile::preview::checks;
+use isotherm_profile::{BusId, Device, DeviceId, Expected, Profile, Setup};
 
 /// How soon a device that could not be asked is asked again; the line's own pauses come on top.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
@@ -21,8 +27,8 @@ const ASK_AGAIN: Duration = Duration::from_secs(1);
 /// How soon a device that is set wrongly is looked at again.
 const LOOK_AGAIN: Duration = Duration::from_secs(5);
 
-/// After so many attempts that the device did not answer, while it answered its polls, the register is not there.
-const BELIEVED_SILENT: u32 = 3;
+/// After this many attempts that the device did not answer, while it answered its polls, the register does not exist.
+const ASSUMED_SILENT: u32 = 3;
 
 /// Reads the checks of the devices on one line.
 #[derive(Debug)]
@@ -35,25 +41,43 @@ struct Inspection {
     missed: u32,
     /// Polls, or frames that the device sends, show whether it is present.
     is_heard: bool,
-    /// The round for which it was set up.
+    /// Breaks of its continuity before it was set up.
     set_up: Option<u64>,
+    /// By check, in the order of the profile.
+    again: Vec<Repetition>,
+}
+
+/// When a check is read again while its device is confirmed.
+#[derive(Clone, Copy, Debug)]
+struct Repetition {
+    period: Duration,
+    due: Moment,
+    /// It has passed in this round. A round is over when each check has passed in it.
+    has_passed: bool,
 }
 
 /// Result of reading the checks of a device.
-enum Found {
-    Known(Finding),
+enum Look {
+    /// The checks were read after this many breaks. They differ like this.
+    Known(u64, Vec<Difference>),
     /// The device does not answer, which is reported elsewhere.
     NoAnswer,
-    /// Another device may have replaced it between two answers.
-    Exchanged,
+    /// Continuity was broken between two answers.
+    Broken,
 }
 
 impl Inspector {
     pub(super) fn new(profile: &Profile, bus: BusId, start: Moment) -> Inspector {
         let checked = profile.devices_on(bus).filter(|(_, device)| device.is_checked());
-        let inspection = |(device, _)| {
-            let is_heard = profile.device(device).can.is_some() || !profile.requests(device).is_empty();
-            Inspection { device, due: start, missed: 0, is_heard, set_up: None }
+        let stretch = checks::stretch(profile, bus);
+        let inspection = |(id, device): (DeviceId, &Device)| {
+            let is_heard = device.can.is_some() || !profile.requests(id).is_empty();
+            let repetition = |check: &Expected| {
+                let period = checks::period(check, stretch);
+                Repetition { period, due: start, has_passed: false }
+            };
+            let again = device.verify.iter().map(repetition).collect();
+            Inspection { device: id, due: start, missed: 0, is_heard, set_up: None, again }
         };
         Inspector(checked.map(inspection).collect())
     }
@@ -62,104 +86,147 @@ impl Inspector {
         self.0.is_empty()
     }
 
-    /// Looks at the devices that are not known to be fit, where it is time.
+    /// Reads the checks that are due.
     pub(super) async fn inspect(&mut self, line: &mut DeviceLine, shared: &LineHandle, can: Option<&Can>) {
         for inspection in &mut self.0 {
             let (id, now) = (inspection.device, shared.clock.now());
-            let round = shared.core().commissioning.round(id);
-            let is_due = now >= inspection.due || inspection.set_up.is_some_and(|known| known != round);
-            if !is_due || inspection.is_needless(shared) || line.is_resting(id, now) {
+            if line.is_resting(id, now) {
                 continue;
             }
-            let found = inspection.look(line, shared, can, round).await;
-            let pause = match found {
+            if shared.core().devices.is_confirmed(id) {
+                inspection.read_again(line, shared, now).await;
+                continue;
+            }
+            let breaks = shared.core().devices.of(id).breaks_so_far();
+            let is_due = now >= inspection.due || inspection.set_up.is_some_and(|known| known != breaks);
+            if !is_due || inspection.waits_for_polls(shared) {
+                continue;
+            }
+            round_begins(shared, id);
+            let found = inspection.look(line, shared, can, breaks).await;
+            let pause = match &found {
                 // The answers may come from two devices.
-                Found::Exchanged => continue,
-                Found::Known(Finding::Wrong(_)) => LOOK_AGAIN,
-                Found::Known(_) => Duration::ZERO,
-                Found::NoAnswer => ASK_AGAIN,
+                Look::Broken => continue,
+                Look::Known(_, differences) if differences.is_empty() => Duration::ZERO,
+                Look::Known(..) => LOOK_AGAIN,
+                Look::NoAnswer => ASK_AGAIN,
             };
-            inspection.due = shared.clock.now().after(pause);
-            if let Found::Known(found) = found {
-                commissioned(shared, id, found);
+            let now = shared.clock.now();
+            inspection.due = now.after(pause);
+            if let Look::Known(breaks, differences) = found {
+                for again in &mut inspection.again {
+                    (again.due, again.has_passed) = (now.after(again.period), false);
+                }
+                verified(shared, id, breaks, differences, true);
             }
         }
     }
 }
 
 impl Inspection {
-    /// Whether nothing is to be checked now: it is fit; or it did not answer, and its polls shall find out first whether it is
-    /// there at all.
-    fn is_needless(&self, shared: &LineHandle) -> bool {
+    /// Returns whether the device did not answer, and its polls are to find out first whether it is there at all.
+    fn waits_for_polls(&self, shared: &LineHandle) -> bool {
         let core = shared.core();
         let lost = core.contact.devices[self.device.0].lost.as_ref();
-        core.commissioning.is_fit(self.device)
-            || (self.is_heard && self.missed > 0 && lost.is_some_and(|lost| lost.answers_since.is_none()))
+        self.is_heard && self.missed > 0 && lost.is_some_and(|lost| lost.answers_since.is_none())
     }
 
-    /// Sets it up and reads every check.
+    /// Reads the check of a confirmed device that is due first, if any is. One that is not answered is read again a second later.
+    async fn read_again(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) {
+        let due = (0..self.again.len()).filter(|place| self.again[*place].due <= now);
+        let Some(place) = due.min_by_key(|place| self.again[*place].due) else { return };
+        if self.again.iter().all(|again| !again.has_passed) {
+            round_begins(shared, self.device);
+        }
+        let breaks = shared.core().devices.of(self.device).breaks_so_far();
+        let found = read(line, self.device, &shared.profile.device(self.device).verify[place]).await;
+        let (now, again) = (shared.clock.now(), &mut self.again[place]);
+        again.due = now.after(if found.is_ok() { again.period } else { ASK_AGAIN });
+        let Ok(difference) = found else { return };
+        again.has_passed = difference.is_none();
+        let is_over = self.again.iter().all(|again| again.has_passed);
+        if is_over {
+            self.again.iter_mut().for_each(|again| again.has_passed = false);
+        }
+        self.due = now.after(LOOK_AGAIN);
+        verified(shared, self.device, breaks, difference.into_iter().collect(), is_over);
+    }
+
+    /// Sets the device up and reads every check.
     async fn look(
         &mut self,
         line: &mut DeviceLine,
         shared: &LineHandle,
         can: Option<&Can>,
-        mut round: u64,
-    ) -> Found {
-        let mut wrong = Vec::new();
-        if can.is_some() && self.set_up != Some(round) {
+        mut breaks: u64,
+    ) -> Look {
+        let mut differences = Vec::new();
+        if can.is_some() && self.set_up != Some(breaks) {
             match set_up(line, shared, self.device).await {
-                Ok(found) if found.is_empty() => self.set_up = Some(round),
+                Ok(found) if found.is_empty() => self.set_up = Some(breaks),
                 // Nothing can be set up, and still it is to be read.
-                Ok(found) if shared.dry_run => wrong = found,
-                Ok(found) if self.is_of(round, shared) => {
-                    return Found::Known(Finding::Wrong(found.join("; ")));
-                }
-                Ok(_) => return Found::Exchanged,
+                Ok(found) if shared.dry_run => differences = found,
+                Ok(found) if self.is_after(breaks, shared) => return Look::Known(breaks, found),
+                Ok(_) => return Look::Broken,
                 Err(_) => {
                     self.missed += 1;
-                    return Found::NoAnswer;
+                    return Look::NoAnswer;
                 }
             }
         }
-        for (place, expected) in shared.profile.device(self.device).verify.iter().enumerate() {
-            let request = Request::read(&expected.address, expected.encoding.data_type);
-            let Some(request) = request else {
-                wrong.push(expected.unreadable(Fault::Caller(CallerFault::Function)));
-                continue;
-            };
-            let found = line.request_unverified(self.device, request).await;
+        for (place, check) in shared.profile.device(self.device).verify.iter().enumerate() {
+            let found = read(line, self.device, check).await;
             if place == 0 && can.is_none() {
                 // The first answer comes from the present device, even if the connection was lost before it.
-                round = shared.core().commissioning.round(self.device);
+                breaks = shared.core().devices.of(self.device).breaks_so_far();
             }
-            match found.and_then(|found| found.answer.believed()) {
-                Ok(found) => wrong.extend(expected.mismatch(registers(&found).registers())),
-                Err(fault) if fault.is_refusal() => wrong.push(expected.unreadable(fault)),
+            match found {
+                Ok(difference) => differences.extend(difference),
                 Err(fault) => {
                     // A connection that cannot be made says nothing of the register.
                     self.missed = if fault.is_of_the_line() { self.missed.max(1) } else { self.missed + 1 };
                     // It answers its polls and never this: some devices are silent where they have no register.
-                    let is_silent = self.is_heard && self.missed >= BELIEVED_SILENT;
+                    let is_silent = self.is_heard && self.missed >= ASSUMED_SILENT;
                     return match is_silent {
-                        true => Found::Known(Finding::Wrong(expected.unreadable(fault))),
-                        false => Found::NoAnswer,
+                        true => Look::Known(breaks, vec![check.unreadable(fault)]),
+                        false => Look::NoAnswer,
                     };
                 }
             }
         }
-        if !self.is_of(round, shared) {
-            return Found::Exchanged;
+        if !self.is_after(breaks, shared) {
+            return Look::Broken;
         }
         self.missed = 0;
         if let Some(can) = can {
             can.is_set_up(self.device);
         }
-        Found::Known(if wrong.is_empty() { Finding::Fit } else { Finding::Wrong(wrong.join("; ")) })
+        Look::Known(breaks, differences)
     }
 
-    /// Whether the device has not been exchanged or restarted since this round began.
-    fn is_of(&self, round: u64, shared: &LineHandle) -> bool {
-        shared.core().commissioning.round(self.device) == round
+    /// Returns whether continuity has not been broken since there were this many breaks.
+    fn is_after(&self, breaks: u64, shared: &LineHandle) -> bool {
+        shared.core().devices.of(self.device).breaks_so_far() == breaks
+    }
+}
+
+/// Reads one check. A device that refuses it differs.
+///
+/// # Errors
+/// The device did not answer.
+async fn read(
+    line: &mut DeviceLine,
+    device: DeviceId,
+    check: &Expected,
+) -> Result<Option<Difference>, Fault> {
+    let Some(request) = Request::read(&check.address, check.encoding.data_type) else {
+        return Ok(Some(check.unreadable(Fault::Caller(CallerFault::Function))));
+    };
+    let found = line.request_unverified(device, request).await;
+    match found.and_then(|found| found.answer.believed()) {
+        Ok(found) => Ok(check.mismatch(registers(&found).registers())),
+        Err(fault) if fault.is_refusal() => Ok(Some(check.unreadable(fault))),
+        Err(fault) => Err(fault),
     }
 }
 
@@ -168,7 +235,11 @@ impl Inspection {
 ///
 /// # Errors
 /// The node does not answer.
-async fn set_up(line: &mut DeviceLine, shared: &LineHandle, device: DeviceId) -> Result<Vec<String>, Fault> {
+async fn set_up(
+    line: &mut DeviceLine,
+    shared: &LineHandle,
+    device: DeviceId,
+) -> Result<Vec<Difference>, Fault> {
     let Some(can) = &shared.profile.device(device).can else { return Ok(Vec::new()) };
     let mut wrong = Vec::new();
     for setup in &can.setup {
@@ -179,14 +250,13 @@ async fn set_up(line: &mut DeviceLine, shared: &LineHandle, device: DeviceId) ->
             false => CanRequest::Write { object: setup.object, values: value.registers() },
         };
         match line.request_unverified(device, Request::Can(request)).await.map(|answered| answered.answer) {
-            Ok(Answer::Registers(found)) if found != value.registers() => wrong.push(format!(
-                "{} is not {} yet, and nothing is set up while nothing may be written",
-                named(setup),
-                setup.value
+            Ok(Answer::Registers(found)) if found != value.registers() => wrong.push(not_set_up(
+                setup,
+                format!("is not {} yet, and nothing is set up while nothing may be written", setup.value),
             )),
             Ok(_) => {}
             Err(fault) if fault.is_refusal() => {
-                wrong.push(format!("{} cannot be set to {}: {fault}", named(setup), setup.value));
+                wrong.push(not_set_up(setup, format!("cannot be set to {}: {fault}", setup.value)));
                 // What comes after it may rely on it.
                 break;
             }
@@ -194,6 +264,13 @@ async fn set_up(line: &mut DeviceLine, shared: &LineHandle, device: DeviceId) ->
         }
     }
     Ok(wrong)
+}
+
+/// The difference of an object that could not be set up.
+fn not_set_up(setup: &Setup, why: String) -> Difference {
+    let (what, was) = (named(setup), setup.value.to_string());
+    let is = Found::NotSetUp(format!("{what} {why}"));
+    Difference { what, was, is, meaning: String::new(), remedy: String::new() }
 }
 
 /// `1800:05 (event timer)`.
@@ -214,28 +291,45 @@ fn registers(answer: &Answer) -> Encoded {
     }
 }
 
-/// A device was looked at. What changed is reported. An axis that reads from it takes its fault action; one that would
-/// write to it is off.
-fn commissioned(shared: &LineHandle, id: DeviceId, found: Finding) {
+fn round_begins(shared: &LineHandle, id: DeviceId) {
+    let mut core = shared.core();
+    let Core { devices, compensation, arming, .. } = &mut *core;
+    devices.round_begins(id, compensation, arming);
+}
+
+/// Takes the result of a device's checks, which may be the end of a round, and reports what changed. An axis that reads from a
+/// changed device takes its fault action, from the Cz before the last round. One that would write to it is off.
+fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Difference>, is_over: bool) {
     let name = &shared.profile.device(id).name;
     let mut core = shared.core();
-    let before = core.commissioning.note(id, found.clone());
-    match found {
-        _ if before == found => {}
-        Finding::Wrong(found) => {
-            let why =
-                Explained::new(format!("device {name}: {found}"), "arm it when the device is set right");
-            core.events.push(Event::NotAsExpected { device: name.clone(), found: found.into() });
-            for output in shared.profile.outputs.iter().filter(|output| output.device == id) {
-                // One that is off keeps waiting to be armed.
-                if core.arming[output.axis.0].armed {
-                    core.disarm(output.axis, why.clone());
-                }
-            }
+    let found = sentence(&differences);
+    let Some(before) = core.devices.verified(id, breaks, differences) else { return };
+    if found.is_empty() {
+        if is_over {
+            let Core { devices, arming, .. } = &mut *core;
+            devices.round_passed(id, arming);
         }
-        Finding::Fit if matches!(before, Finding::Wrong(_)) => {
+        if matches!(before, Continuity::Changed(_)) {
             core.events.push(Event::AsExpected { device: name.clone() });
         }
-        Finding::Fit | Finding::Unknown => {}
+        return;
+    }
+    if core.devices.of(id).state() == &before {
+        return;
+    }
+    let found =
+        if before == Continuity::Confirmed { format!("its settings were changed: {found}") } else { found };
+    let why = Explained::new(format!("device {name}: {found}"), "arm it when the device is set right");
+    core.events.push(Event::NotAsExpected { device: name.clone(), found: found.into() });
+    // After a break it is not known when they were changed.
+    if !matches!(before, Continuity::Changed(_)) {
+        let Core { devices, arming, .. } = &mut *core;
+        devices.settings_changed(id, arming);
+    }
+    for output in shared.profile.outputs.iter().filter(|output| output.device == id) {
+        // One that is off keeps waiting to be armed.
+        if core.arming[output.axis.0].armed {
+            core.disarm(output.axis, why.clone());
+        }
     }
 }

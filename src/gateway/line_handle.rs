@@ -11,6 +11,7 @@ use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::Witness;
 use crate::fieldbus::wire::{CanRequest, Request};
 use crate::observe::events::Event;
+use isotherm_core::continuity::Break;
 use isotherm_core::output::Beat;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Arm, BusId, DeviceId, OnStop, OutputId};
@@ -83,8 +84,8 @@ impl LineHandle {
             return;
         }
         let mut core = self.core();
-        let Core { restarts, board, events, .. } = &mut *core;
-        let any = restarts.look(board, self.bus, now, events);
+        let Core { restarts, board, devices, events, .. } = &mut *core;
+        let any = restarts.look(board, self.bus, now, (devices, events));
         drop(core);
         if any {
             self.wake();
@@ -142,7 +143,8 @@ impl Witness for LineHandle {
         refusals: (u32, Fault),
     ) {
         let mut core = self.core();
-        let Core { contact, commissioning, events, .. } = &mut *core;
+        let now = self.clock.now();
+        let Core { contact, devices, events, .. } = &mut *core;
         let count = &mut contact.devices[device.0];
         count.requests += 1;
         if let Err(fault) = outcome {
@@ -151,31 +153,34 @@ impl Witness for LineHandle {
         match outcome {
             // It is the gateway before it that says so: of the device nothing came.
             Err(fault) if !fault.is_refusal() || (fault.is_of_a_gateway() && request.is_read()) => {
-                if contact.fails(device, fault, refusals, events) {
-                    commissioning.forget(device);
-                }
+                contact.fails(device, fault, refusals, events);
+                devices.misses(device, now);
             }
             // Nobody answers a frame: that it was sent says nothing of the device.
             Ok(()) if matches!(request, Request::Can(CanRequest::Send { .. })) => {}
-            _ if contact.devices[device.0].is_here() => {}
-            _ => contact.answers(device, self.clock.now(), events),
+            _ => {
+                devices.answers(device, now);
+                if !contact.devices[device.0].is_here() {
+                    contact.answers(device, now, events);
+                }
+            }
         }
     }
 
-    fn may_be_exchanged(&self, device: Option<DeviceId>) {
-        let mut core = self.core();
+    fn breaks(&self, device: Option<DeviceId>, cause: Break) {
+        let (now, mut core) = (self.clock.now(), self.core());
         match device {
-            Some(device) => core.commissioning.forget(device),
+            Some(device) => core.devices.breaks(device, cause, now),
             None => {
                 let here = self.profile.devices_on(self.bus);
-                here.for_each(|(device, _)| core.commissioning.forget(device));
+                here.for_each(|(device, _)| core.devices.breaks(device, cause, now));
             }
         }
     }
 
     /// A dry run writes nothing, so it reads the outputs of a wrong device, too.
     fn is_verified(&self, device: DeviceId) -> bool {
-        self.dry_run || self.core().commissioning.is_fit(device)
+        self.dry_run || self.core().devices.is_confirmed(device)
     }
 
     fn gives_up_pipeline(&self, fault: Fault) {

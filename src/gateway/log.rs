@@ -21,6 +21,8 @@
 //! - `z_sign_um`: where Cz is taken while the sign of the axis is checked with a dial gauge, else empty.
 //! - `z_behind_um`: the verified Cz of the output farthest behind the decision, while it waits, else empty: what is decided stays
 //!   within one step of it.
+//! - `z_return_um`: where an axis that keeps its value goes back to, because the settings of a sensor were changed, else empty;
+//!   `z_return_slope_um`: the same of a slope.
 //! - `machine_memory`: at the first row of a run, what was remembered from before (JSON).
 //! - `machine_zero`: the moment of a command to zero that was given since the row before.
 //! - `machine_clock`: at the first row after the computer's clock was set, from when to when. All moments of a file are
@@ -60,6 +62,8 @@ const FROM: &str = "from_um";
 /// Of every axis, behind what was decided.
 const SIGN: &str = "sign_um";
 const BEHIND: &str = "behind_um";
+const RETURN: &str = "return_um";
+const RETURN_SLOPE: &str = "return_slope_um";
 const ERROR: &str = "error_um";
 /// Of a slope that the control applies: what was taken over and what was decided, as its effect at the axis's reach.
 const SLOPE_FROM: &str = "slope_from_um";

@@ -21,8 +21,8 @@ use crate::observe::status::{Answer, Command, Source, Status};
 use isotherm_core::compensation::{Measured, MeasuredReport, Refused, Snapshot};
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::{Micron, Moment, time};
-use isotherm_profile::AxisId;
 use isotherm_profile::regular::quoted;
+use isotherm_profile::{AxisId, DeviceId};
 
 /// Answer to a zero that nothing is measured from.
 const NO_ZERO: &str = "nothing is captured: the profile has no reference \"zero\" here; write reference = \"zero\" in a model, or \
@@ -79,6 +79,10 @@ impl Source for Panel {
 
     fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String> {
         self.commands.acknowledge(alarm, asker)
+    }
+
+    fn confirm(&self, device: &str, asker: &Asker) -> Result<Answer, String> {
+        self.commands.confirm(device, asker)
     }
 
     fn logs(&self, from: Moment, to: Moment) -> Option<Vec<PathBuf>> {
@@ -403,6 +407,34 @@ impl CommandHandle {
         let answered = answer.as_ref().map(String::as_str).map_err(Explained::clone);
         shared.report(&reported(command, Vec::new(), asker, answered));
         answer.map(Answer::Done).map_err(|why| why.to_string())
+    }
+
+    /// The next value of each of its signals is accepted. Its checks are not: they must pass.
+    fn confirm(&self, device: &str, asker: &Asker) -> Result<Answer, String> {
+        let profile = &*self.0.profile;
+        let place = profile.devices.iter().position(|known| known.name == device);
+        let about = place.map_or(About::Nothing, About::Device);
+        if let Err(too_soon) = self.takes("confirm", &[about]) {
+            return Ok(too_soon);
+        }
+        let command = format!("confirm {}", quoted(device));
+        self.carry_out((command, Vec::new()), asker, Answer::text, |core| {
+            let Some(place) = place else {
+                let names: Vec<&str> = profile.devices.iter().map(|known| known.name.as_str()).collect();
+                return Err(
+                    format!("there is no device {}; there are {}", quoted(device), names.join(", ")).into()
+                );
+            };
+            if let Some(found) = core.devices.changed(DeviceId(place)) {
+                let hint = "set it so at the device, or correct `verify` in the profile";
+                return Err(Explained::new(format!("its checks do not pass: {found}"), hint));
+            }
+            let jumped = core.board.confirm(DeviceId(place));
+            Ok(Answer::Done(match jumped.as_slice() {
+                [] => format!("{device}: nothing to confirm: no signal has jumped while the device was away"),
+                names => format!("{device}: confirmed; the next values of {} are accepted", names.join(", ")),
+            }))
+        })
     }
 
     /// The error is that of the diameter where the axis acts on one.

@@ -16,6 +16,8 @@ const MANY: usize = 256;
 pub(super) enum About {
     /// An axis, by its place.
     Axis(usize),
+    /// A device, by its place.
+    Device(usize),
     /// An alarm that stands, by its name.
     Alarm(String),
     /// Nothing that there is.

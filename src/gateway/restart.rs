@@ -6,11 +6,13 @@
 use std::sync::Arc;
 
 use crate::observe::events::Event;
+use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{BusId, DeviceId, Output, OutputId, Profile};
 
 use super::board::Board;
+use super::continuity::Devices;
 
 /// Those that each output has seen, and what shows them.
 #[derive(Clone, Debug)]
@@ -53,14 +55,24 @@ impl Restarts {
         }
     }
 
-    /// Looks at what has just been read on this line. Whether a control may have been restarted.
-    pub(super) fn look(&mut self, board: &Board, line: BusId, now: Moment, events: &mut Vec<Event>) -> bool {
+    /// Looks at what has just been read on this line. Returns whether a control may have been restarted; that breaks its
+    /// continuity.
+    pub(super) fn look(
+        &mut self,
+        board: &Board,
+        line: BusId,
+        now: Moment,
+        (devices, events): (&mut Devices, &mut Vec<Event>),
+    ) -> bool {
         // The control may have been off with the machine.
         let is_on = self.profile.machine.on.and_then(|id| board.value(id, now)).map(|level| level >= 0.5);
         let was_on = is_on.and_then(|is_on| self.was_on.replace(is_on));
         let mut any = was_on == Some(false) && is_on == Some(true);
         if any {
             self.count(|_| true);
+            for output in &self.profile.outputs {
+                devices.breaks(output.device, Break::Restarted, now);
+            }
         }
         for place in 0..self.counters[line.0].len() {
             // Its first reading is no restart, and one that cannot be believed is no reading.
@@ -68,7 +80,9 @@ impl Restarts {
             let (id, Some(to)) = (*id, board.value(*id, now)) else { continue };
             let Some(from) = last.replace(to).filter(|from| (from - to).abs() > 0.0) else { continue };
             self.count(|output| output.boot_counter == Some(id));
-            let device = self.profile.device(self.profile.signal(id).device).name.clone();
+            let device = self.profile.signal(id).device;
+            devices.breaks(device, Break::Restarted, now);
+            let device = self.profile.device(device).name.clone();
             events.push(Event::CncBooted { device, from, to });
             any = true;
         }

@@ -17,6 +17,7 @@ use super::rates::Rates;
 use crate::clock::{Clock, Wakeup};
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::BrokerFigures;
+use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, Profile};
 
@@ -199,6 +200,7 @@ impl Shared {
             return;
         }
         core.board.forget();
+        core.devices.all_break(Break::Pause, now);
         core.not_after.fill(Moment::default());
         core.events.push(Event::StoodStill { span: now.since(since) });
         drop(core);

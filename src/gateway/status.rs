@@ -71,7 +71,7 @@ impl Picture {
             seen: Vec::new(),
             contact: core.contact.clone(),
             wrong: (0..shared.profile.devices.len())
-                .map(|device| core.commissioning.wrong(DeviceId(device)).map(str::to_owned))
+                .map(|device| core.devices.changed(DeviceId(device)))
                 .collect(),
             log_dropped: core.storage.dropped(),
             lock_times: core.lock_times,

@@ -56,6 +56,12 @@ pub trait Source: Send + Sync + 'static {
     /// A sentence that says why not.
     fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String>;
 
+    /// Accepts a device although it differs from the one before: a person has looked at it. The answer is a sentence.
+    ///
+    /// # Errors
+    /// A sentence that says why not.
+    fn confirm(&self, device: &str, asker: &Asker) -> Result<Answer, String>;
+
     /// The logs of decisions that may have rows of this span; `None` where none are kept.
     fn logs(&self, from: Moment, to: Moment) -> Option<Vec<PathBuf>>;
 

@@ -74,7 +74,7 @@ fn what_is_written_of_a_can_line_becomes_final_types() {
     let verify = &device(&loaded, "axtc").verify[0];
     let object = Address::Object(Object::new(0x6110, 1, DataType::U16));
     assert_eq!((&verify.address, verify.equals), (&object, 3));
-    assert!(verify.mismatch(&[4]).unwrap().starts_with("object 6110:01 reads 4 instead of 3"));
+    assert!(verify.mismatch(&[4]).unwrap().to_string().starts_with("object 6110:01 reads 4 instead of 3"));
     let display = device(&loaded, "display").can.as_ref().unwrap();
     let id = CanId::standard(0x20c).unwrap();
     assert_eq!(display.written(id).unwrap().data(), [0, 0, 0, 0, 0, 0, 1, 0]);

@@ -5,5 +5,6 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+mod continuity;
 mod output;
 mod step_allocates_nothing;

@@ -83,6 +83,11 @@ impl Source for Fake {
         self.arming(axis)
     }
 
+    fn confirm(&self, device: &str, asker: &Asker) -> Result<Answer, String> {
+        self.askers.lock().unwrap().push(format!("{asker:?} has confirmed {device}"));
+        Ok(Answer::Done(format!("device {device} is confirmed")))
+    }
+
     fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String> {
         self.askers.lock().unwrap().push(format!("{asker:?} has seen {}", alarm.unwrap_or("all")));
         match alarm {

@@ -32,6 +32,7 @@ const VERBS: &[&str] = &[
     "disarm",
     "zero",
     "measured",
+    "confirm",
     "trace",
     "schema",
     "completions",
@@ -549,7 +550,7 @@ fn status_has_the_content_of_the_page_for_people_programs_and_a_watchdog() {
 }
 
 /// Each verb as somebody may call it; what it needs lies in its directory.
-const CALLS: [&[&str]; 33] = [
+const CALLS: [&[&str]; 34] = [
     &["--help"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0", "--json"],
@@ -573,6 +574,7 @@ const CALLS: [&[&str]; 33] = [
     &["disarm", "machine.toml", "--state", "state"],
     &["zero", "machine.toml", "--state", "state"],
     &["measured", "machine.toml", "z", "1.5"],
+    &["confirm", "machine.toml", "thermocouples", "--state", "state"],
     &["trace", "machine.toml", "thermocouples", "--for", "1s"],
     &["events", "machine.toml", "--state", "state"],
     &["status", "machine.toml", "--state", "state"],

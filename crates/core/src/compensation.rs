@@ -128,6 +128,18 @@ pub struct Control {
     /// Verified Cz of the register that is farthest behind the last decision: Cz stays within one step of it. `None` if no register
     /// is behind.
     pub behind: Option<Micron>,
+    /// Where an axis that keeps its value goes back to: a sensor's settings were changed, and what was decided since its last check is
+    /// wrong.
+    pub return_to: Option<ReturnTo>,
+}
+
+/// Cz, and the effect of the slope, before the settings of a sensor were changed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReturnTo {
+    /// Cz.
+    pub cz: Micron,
+    /// Effect of the slope at the axis's reach; zero without a slope.
+    pub slope: Micron,
 }
 
 impl Control {

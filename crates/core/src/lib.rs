@@ -12,12 +12,14 @@
 //! - [`codec`] — registers and the bits of CAN frames become values, and values become registers.
 //! - [`compensation`] — the first pure step: from a snapshot of readings to a decision per axis.
 //! - [`output`] — the second: from a decision, and what the register said, to what is sent next.
+//! - [`continuity`] — whether the device that answers is the one that was verified.
 //! - [`explained`] — cause and hint of a fault.
 //! - [`display`] — the state of an axis as people see it, from its decision and the verified value.
 
 pub mod border;
 pub mod codec;
 pub mod compensation;
+pub mod continuity;
 pub mod display;
 pub mod explained;
 pub mod output;

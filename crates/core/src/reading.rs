@@ -66,6 +66,8 @@ pub enum Reason {
     OutOfRange,
     /// It changed faster than `max_rate`.
     TooFast,
+    /// It differs from the last good value before its device was away by more than `max_rate` allowed.
+    Jumped,
     /// The device answered with this Modbus exception code.
     Exception(u8),
     /// The node refuses to give the object.
@@ -159,6 +161,7 @@ impl Reason {
             Reason::NotANumber => "not-a-number",
             Reason::OutOfRange => "out-of-range",
             Reason::TooFast => "too-fast",
+            Reason::Jumped => "jumped",
             Reason::Exception(_) => "exception",
             Reason::Refused => "refused",
             Reason::Status(_) => "status",
@@ -213,6 +216,7 @@ impl fmt::Display for Reason {
             Reason::NotANumber => "not a number",
             Reason::OutOfRange => "out of range",
             Reason::TooFast => "changing too fast",
+            Reason::Jumped => "jumped while its device was away",
             Reason::Exception(code) => return write!(f, "exception {code} ({})", exception(*code)),
             Reason::Refused => "the node refuses to give it",
             Reason::Status(code) => return write!(f, "{}", Status(*code)),

@@ -10,9 +10,10 @@ use crate::document::Section;
 use crate::tables::axis::model::all_over::AllOver;
 use crate::tables::bus::Transport;
 use crate::tables::label::labelled;
-use crate::{BusId, DeviceId, Profile};
+use crate::{BusId, Device, DeviceId, Profile};
 
 mod can_line;
+pub mod checks;
 mod load;
 mod serial;
 mod stop;
@@ -29,8 +30,11 @@ impl Preview {
     /// What this profile will do.
     pub fn of(profile: &Profile) -> Preview {
         let devices = profile.devices.iter().enumerate();
-        let devices: Vec<(BusId, Section)> =
-            devices.map(|(place, device)| (device.bus, device.preview(profile, DeviceId(place)))).collect();
+        let preview = |(place, device): (usize, &Device)| {
+            let id = DeviceId(place);
+            (device.bus, device.preview(profile, id, checks::preview(profile, id, device)))
+        };
+        let devices: Vec<(BusId, Section)> = devices.map(preview).collect();
         let mut section = Section::default();
         let (name, description) = (&profile.name, &profile.description);
         let shown = labelled(name, &profile.label);
@@ -61,6 +65,15 @@ impl Preview {
         let buses: Vec<Section> = buses.collect();
         section.json("buses", buses);
         section.json("devices", devices.into_iter().map(|(_, device)| device).collect::<Vec<_>>());
+        let unidentified = checks::unidentified(profile);
+        if !unidentified.is_empty() {
+            let names = unidentified.join(", ");
+            section.line(format!(
+                "without checks: {names}. Another device in the place of one of them is not noticed; give each a `verify` of its serial number, type \
+                 code or data format (CANopen: object 1018:04)"
+            ));
+        }
+        section.entry("without_checks", unidentified);
         section.line("");
         section.line("signals");
         section.parts("signals", profile.signals.iter().map(|signal| signal.preview(profile)));

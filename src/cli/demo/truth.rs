@@ -84,6 +84,10 @@ impl Source for WithTruth {
         self.source.acknowledge(alarm, asker)
     }
 
+    fn confirm(&self, device: &str, asker: &Asker) -> Result<Answer, String> {
+        self.source.confirm(device, asker)
+    }
+
     fn turned_away(&self, command: &str, asker: &Asker, why: &str) {
         self.source.turned_away(command, asker, why);
     }

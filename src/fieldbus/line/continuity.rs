@@ -1,71 +1,72 @@
-//! Continuity of devices: whether another device may answer next.
+//! Evidence of a line about the continuity of its devices, see [`isotherm_core::continuity`].
 //!
 //! A device that is exchanged, or switched off and on, breaks its connections. So each connection that was refused, or did
-//! not end with an orderly close, is a possible exchange. A server that closes each connection after its answer, or
-//! whenever it is idle, does so by habit. Those closes are no exchange.
+//! not end with an orderly close, is a break. A server that closes each connection after its answer, or whenever it is idle,
+//! does so by habit. Those closes are no break.
 
 use std::time::Duration;
 
 use super::DeviceLine;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::wire::{Answer, Ending};
+use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 
 /// A server that closed a connection this recently closes them by habit.
 const HABIT: Duration = Duration::from_secs(3600);
-/// A device may have been exchanged if it has not answered for longer than this. At the usual periods one lost answer is
+/// A device with which contact was broken has not answered for longer than this. At the usual periods one lost answer is
 /// shorter.
 const SILENCE: Duration = Duration::from_secs(3);
 
 impl DeviceLine {
-    /// Whether the device has checks that have not passed since its last possible exchange.
+    /// Returns whether the device has checks that have not passed since contact was last broken.
     pub(super) fn is_unverified(&self, place: usize) -> bool {
         let unit = self.units.at(place);
         unit.is_checked && self.witness.as_ref().is_some_and(|witness| !witness.is_verified(unit.device))
     }
 
-    /// Reports a possible exchange if a request ended like this on an open connection.
-    pub(super) fn look_for_exchange(&mut self, place: usize, answer: &Result<Answer, Fault>, now: Moment) {
+    /// Reports a break if a request ended like this on an open connection.
+    pub(super) fn look_for_a_break(&mut self, place: usize, answer: &Result<Answer, Fault>, now: Moment) {
         let (Err(fault), Some(connection)) = (answer, &mut self.wire) else { return };
         let ending = connection.wire().ending();
         let unit = self.units.at(place);
-        let exchanged = match connection.wire().has_transaction_id() {
+        let broken = match connection.wire().has_transaction_id() {
             // Without transaction numbers a missed answer leaves the connection open.
-            false if *fault == Fault::Timeout => Exchanged::None,
-            _ => self.continuity.ends(*fault, ending, unit.heard, now),
+            false if *fault == Fault::Timeout => Broken::None,
+            _ => self.evidence.ends(*fault, ending, unit.heard, now),
         };
-        match exchanged {
-            Exchanged::None => {}
-            Exchanged::Unit => self.unit_may_be_exchanged(unit.number),
-            Exchanged::All => self.all_may_be_exchanged(),
+        match broken {
+            Broken::None => {}
+            Broken::Unit => self.unit_breaks(unit.number, Break::ConnectionLost),
+            Broken::All => self.all_break(Break::ConnectionLost),
         }
     }
 
-    /// Reports the devices with this unit number.
-    pub(super) fn unit_may_be_exchanged(&self, number: u8) {
+    /// Reports a break of the devices with this unit number.
+    pub(super) fn unit_breaks(&self, number: u8, cause: Break) {
         let Some(witness) = &self.witness else { return };
-        self.units.named(number).for_each(|device| witness.may_be_exchanged(Some(device)));
+        self.units.named(number).for_each(|device| witness.breaks(Some(device), cause));
     }
 
-    /// Reports all devices of the line.
-    pub(super) fn all_may_be_exchanged(&self) {
+    /// Reports a break of all devices of the line.
+    pub(super) fn all_break(&self, cause: Break) {
         let Some(witness) = &self.witness else { return };
-        witness.may_be_exchanged(None);
+        witness.breaks(None, cause);
     }
 }
 
-/// Evidence of continuity on one line.
+/// How the connections of one line ended.
 #[derive(Debug, Default)]
-pub(super) struct Continuity {
+pub(super) struct Evidence {
     /// Answers on the present connection.
     answers: u32,
     /// When the other end last closed a connection in order.
     closed_at: Option<Moment>,
 }
 
-/// Devices that may have been exchanged.
+/// Devices with which contact was broken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Exchanged {
+pub(super) enum Broken {
     None,
     /// The devices with the unit number of the request.
     Unit,
@@ -73,7 +74,7 @@ pub(super) enum Exchanged {
     All,
 }
 
-impl Continuity {
+impl Evidence {
     /// Notes a new connection.
     pub(super) fn connected(&mut self) {
         self.answers = 0;
@@ -84,23 +85,23 @@ impl Continuity {
         self.answers = self.answers.saturating_add(1);
     }
 
-    /// Returns the devices that may have been exchanged if a request ends with this fault and ending. `heard` is the time
+    /// Returns the devices with which contact was broken if a request ends with this fault and ending. `heard` is the time
     /// of the device's last answer.
-    pub(super) fn ends(&mut self, fault: Fault, ending: Ending, heard: Moment, now: Moment) -> Exchanged {
+    pub(super) fn ends(&mut self, fault: Fault, ending: Ending, heard: Moment, now: Moment) -> Broken {
         match (fault, ending) {
-            (_, Ending::Kept) => Exchanged::None,
+            (_, Ending::Kept) => Broken::None,
             (Fault::Link(_), Ending::Closed) => {
                 let before = self.closed_at.replace(now);
                 let by_habit = before.is_some_and(|before| now.since(before) < HABIT);
                 match self.answers {
-                    1 => Exchanged::None,
-                    2.. if by_habit => Exchanged::None,
-                    _ => Exchanged::All,
+                    1 => Broken::None,
+                    2.. if by_habit => Broken::None,
+                    _ => Broken::All,
                 }
             }
-            (Fault::Link(_), Ending::Lost) => Exchanged::All,
-            (Fault::Timeout, Ending::Closed | Ending::Lost) if now.since(heard) > SILENCE => Exchanged::Unit,
-            _ => Exchanged::None,
+            (Fault::Link(_), Ending::Lost) => Broken::All,
+            (Fault::Timeout, Ending::Closed | Ending::Lost) if now.since(heard) > SILENCE => Broken::Unit,
+            _ => Broken::None,
         }
     }
 }

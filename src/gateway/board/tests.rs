@@ -56,8 +56,8 @@ fn at(seconds: u64) -> Moment {
 /// A board on which both signals were good at this moment.
 fn board(profile: &Profile) -> Board {
     let mut board = Board::new(&profile.clone().into());
-    board.store(BED, Ok(20.0), at(0));
-    board.store(OPEN, Ok(0.0), at(0));
+    board.store(BED, Ok(20.0), at(0), 0);
+    board.store(OPEN, Ok(0.0), at(0), 0);
     board
 }
 
@@ -69,8 +69,8 @@ fn quality(board: &mut Board, now: Moment) -> Quality {
 fn a_value_outside_its_range_is_no_value() {
     let profile = profile();
     let mut board = board(&profile);
-    board.store(BED, Ok(80.1), at(3600));
-    board.store(OPEN, Ok(0.0), at(3600));
+    board.store(BED, Ok(80.1), at(3600), 0);
+    board.store(OPEN, Ok(0.0), at(3600), 0);
     assert_eq!(quality(&mut board, at(3600)), Quality::Bad(Reason::OutOfRange));
     assert_eq!(board.value(BED, at(3600)), None);
 }
@@ -79,9 +79,9 @@ fn a_value_outside_its_range_is_no_value() {
 fn a_value_that_changes_too_fast_is_believed_once_time_has_caught_up() {
     let profile = profile();
     let mut board = board(&profile);
-    board.store(BED, Ok(23.0), at(1));
+    board.store(BED, Ok(23.0), at(1), 0);
     assert_eq!(quality(&mut board, at(1)), Quality::Bad(Reason::TooFast));
-    board.store(BED, Ok(23.0), at(2));
+    board.store(BED, Ok(23.0), at(2), 0);
     assert_eq!(quality(&mut board, at(2)), Quality::Good);
 }
 
@@ -90,10 +90,10 @@ fn a_status_bit_condemns_it_and_so_does_one_that_is_not_known() {
     let profile = profile();
     let mut board = board(&profile);
     assert_eq!(quality(&mut board, at(1)), Quality::Good);
-    board.store(OPEN, Ok(1.0), at(1));
+    board.store(OPEN, Ok(1.0), at(1), 0);
     assert_eq!(quality(&mut board, at(1)), Quality::Bad(Reason::FaultBit));
-    board.store(OPEN, Ok(0.0), at(2));
-    board.store(BED, Ok(20.0), at(8));
+    board.store(OPEN, Ok(0.0), at(2), 0);
+    board.store(BED, Ok(20.0), at(8), 0);
     assert_eq!(quality(&mut board, at(8)), Quality::Bad(Reason::FaultBit), "the bit is stale");
 }
 
@@ -101,7 +101,7 @@ fn a_status_bit_condemns_it_and_so_does_one_that_is_not_known() {
 fn what_a_status_bit_condemns_is_no_position_to_be_corrected() {
     let profile = profile();
     let mut board = board(&profile);
-    board.store(OPEN, Ok(1.0), at(1));
+    board.store(OPEN, Ok(1.0), at(1), 0);
     assert_eq!(board.value(BED, at(1)), None);
 }
 
@@ -121,14 +121,14 @@ fn one_lost_answer_leaves_the_value_until_it_is_stale_and_then_says_why() {
 fn a_change_is_reported_once_each_way_with_its_reason() {
     let profile = profile();
     let mut board = board(&profile);
-    board.store(BED, Err(Reason::Sentinel), at(1));
+    board.store(BED, Err(Reason::Sentinel), at(1), 0);
     for now in [at(1), at(2)] {
         board.look(now);
         let reported = board.changes(now);
         let expected: &[Change] = if now == at(1) { &[Change::Lost(BED, Reason::Sentinel)] } else { &[] };
         assert_eq!(reported, expected);
     }
-    board.store(BED, Ok(20.5), at(3));
+    board.store(BED, Ok(20.5), at(3), 0);
     board.look(at(3));
     assert_eq!(board.changes(at(3)), [Change::Back(BED, at(1))]);
     board.look(at(4));
@@ -141,8 +141,8 @@ fn another_reason_is_reported_once_it_lasts_and_the_end_comes_with_the_first_beg
     let profile = profile();
     let mut board = board(&profile);
     let mut look = |second: u64, found: Result<f64, Reason>| {
-        board.store(BED, found, at(second));
-        board.store(OPEN, Ok(0.0), at(second));
+        board.store(BED, found, at(second), 0);
+        board.store(OPEN, Ok(0.0), at(second), 0);
         board.look(at(second));
         board.changes(at(second))
     };
@@ -161,8 +161,8 @@ fn a_reason_after_a_silent_device_is_reported_and_so_is_its_end() {
     let profile = profile();
     let mut board = board(&profile);
     let mut look = |second: u64, found: Result<f64, Reason>| {
-        board.store(BED, found, at(second));
-        board.store(OPEN, Ok(0.0), at(second));
+        board.store(BED, found, at(second), 0);
+        board.store(OPEN, Ok(0.0), at(second), 0);
         board.look(at(second));
         board.changes(at(second))
     };

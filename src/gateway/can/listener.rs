@@ -18,6 +18,7 @@ use crate::gateway::core::Core;
 use crate::gateway::line_handle::LineHandle;
 use crate::observe::events::Event;
 use isotherm_core::codec::Frame;
+use isotherm_core::continuity::Break;
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
@@ -229,13 +230,14 @@ impl CanListener {
             self.socket = Some((socket, inlet));
         }
         self.is_up = true;
-        self.nodes.begin_anew(self.shared.clock.now());
+        let now = self.shared.clock.now();
+        self.nodes.begin_anew(now);
         let mut core = self.shared.core();
-        let Core { contact, commissioning, events, .. } = &mut *core;
+        let Core { contact, devices, events, .. } = &mut *core;
         contact.buses[self.bus.0].connected = true;
         contact.link_is_up(self.bus, events);
         for device in self.nodes.devices() {
-            commissioning.forget(device);
+            devices.breaks(device, Break::InterfaceDown, now);
         }
         drop(core);
         self.can.revive(None);
@@ -345,11 +347,11 @@ impl CanListener {
     fn lost(&self, device: DeviceId, what: String) {
         self.condemn(device, Reason::Timeout);
         let mut core = self.shared.core();
-        let Core { contact, commissioning, events, .. } = &mut *core;
+        let Core { contact, devices, events, .. } = &mut *core;
         let hint =
             "is it powered, is its cable plugged in, are its node number and bitrate those of the profile?";
         contact.is_silent(device, Explained::new(what, hint), events);
-        commissioning.forget(device);
+        devices.breaks(device, Break::Silence, self.shared.clock.now());
     }
 
     /// A node came up: it is set up and looked at as at the beginning. What it said before its reset is not believed any
@@ -359,7 +361,7 @@ impl CanListener {
             self.condemn(device, Reason::NotAsExpected);
         }
         let mut core = self.shared.core();
-        core.commissioning.forget(device);
+        core.devices.breaks(device, Break::Restarted, self.shared.clock.now());
         if was_there {
             core.restarts.device_restarted(device);
         }
@@ -371,8 +373,9 @@ impl CanListener {
     fn condemn(&self, device: DeviceId, reason: Reason) {
         let now = self.shared.clock.now();
         let mut core = self.shared.core();
+        let breaks = core.devices.of(device).breaks_so_far();
         for signal in self.routes.of_device(device) {
-            core.board.store(signal, Err(reason), now);
+            core.board.store(signal, Err(reason), now, breaks);
             core.board.fail(signal, reason);
         }
     }
@@ -391,12 +394,13 @@ impl CanListener {
             let encoding = &self.shared.profile.signal(route.signal).encoding;
             let value = match read.and_then(|read| encoding.decode(read.registers())) {
                 _ if self.nodes.is_lost(route.device) => Err(Reason::Timeout),
-                Ok(_) if !core.commissioning.is_fit(route.device) => Err(Reason::NotAsExpected),
+                Ok(_) if !core.devices.is_confirmed(route.device) => Err(Reason::NotAsExpected),
                 value => value,
             };
             // Before it has been looked at, nothing is known of what it says, not even that it is wrong.
-            if !core.commissioning.is_unknown(route.device) {
-                core.board.store(route.signal, value, now);
+            if !core.devices.is_unconfirmed(route.device) {
+                let breaks = core.devices.of(route.device).breaks_so_far();
+                core.board.store(route.signal, value, now, breaks);
             }
             let Core { contact, events, .. } = &mut **core;
             contact.answers(route.device, self.shared.clock.now(), events);

@@ -166,6 +166,14 @@ pub fn send_measured(path: &Path, axis: &str, report: Option<&MeasuredReport>) -
     Ok(ask(path, &line, PATIENCE)?.0)
 }
 
+/// Has a device accepted that a person has looked at.
+///
+/// # Errors
+/// No gateway runs there, it does not answer, or it refuses.
+pub fn send_confirm(path: &Path, device: &str) -> Result<Answer, Failure> {
+    Ok(ask(path, &format!("confirm {device}"), PATIENCE)?.0)
+}
+
 /// The state of the running gateway, as JSON.
 ///
 /// # Errors

@@ -45,6 +45,10 @@ impl Source for Fake {
         Err("no such alarm stands".to_owned())
     }
 
+    fn confirm(&self, device: &str, _: &Asker) -> Result<Answer, String> {
+        Err(format!("there is no device {device}"))
+    }
+
     fn logs(&self, _: Moment, _: Moment) -> Option<Vec<PathBuf>> {
         None
     }

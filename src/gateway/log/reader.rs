@@ -8,10 +8,10 @@ use csv::StringRecord;
 use jiff::tz::TimeZone;
 
 use super::{
-    ACTING, BEHIND, DECIDED, ERROR, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, SIGN, SLOPE_FROM,
-    STOOD_IN, TIME, TRUST, ZERO,
+    ACTING, BEHIND, DECIDED, ERROR, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, RETURN, RETURN_SLOPE,
+    SIGN, SLOPE_FROM, STOOD_IN, TIME, TRUST, ZERO,
 };
-use isotherm_core::compensation::{Control, Measured, Permit, Remembered};
+use isotherm_core::compensation::{Control, Measured, Permit, Remembered, ReturnTo};
 use isotherm_core::quantity::{Dialect, Micron, Moment, time};
 use isotherm_core::reading::{Reading, Reason};
 use isotherm_profile::Profile;
@@ -108,6 +108,8 @@ struct AxisColumns {
     forget: Option<usize>,
     sign: Option<usize>,
     behind: Option<usize>,
+    return_to: Option<usize>,
+    return_slope: Option<usize>,
     error: Option<usize>,
     decided: Option<[usize; 5]>,
     expected: Option<usize>,
@@ -295,6 +297,8 @@ impl<R: Read> LogReader<R> {
         let forget = self.filled(columns.forget).is_some();
         let sign = self.micron(line, columns.sign)?;
         let behind = self.micron(line, columns.behind)?;
+        let slope = self.micron(line, columns.return_slope)?.unwrap_or(Micron::ZERO);
+        let return_to = self.micron(line, columns.return_to)?.map(|cz| ReturnTo { cz, slope });
         let trust = self.filled(columns.trust).is_some();
         let Some(place) = columns.permit else {
             let at_rest = self.last.is_none().then_some(Micron::ZERO);
@@ -306,6 +310,7 @@ impl<R: Read> LogReader<R> {
                 sign,
                 trust,
                 behind,
+                return_to,
                 ..Control::default()
             });
         };
@@ -313,7 +318,7 @@ impl<R: Read> LogReader<R> {
         let permit = Permit::from_name(word).ok_or_else(|| {
             self.error(line, place, format!("`{word}` is none of off, armed, unverified, stopping"))
         })?;
-        Ok(Control { permit, take_over, take_over_slope, forget, measured, sign, trust, behind })
+        Ok(Control { permit, take_over, take_over_slope, forget, measured, sign, trust, behind, return_to })
     }
 
     fn decided(&self, line: u64, columns: &AxisColumns) -> Result<Option<Decided>, LogError> {
@@ -397,6 +402,8 @@ impl Columns {
                 forget: of(FORGET),
                 sign: of(SIGN),
                 behind: of(BEHIND),
+                return_to: of(RETURN),
+                return_slope: of(RETURN_SLOPE),
                 error: of(ERROR),
                 decided,
                 expected: of(EXPECTED),

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use super::{
     ACTING, BEHIND, CLOCK, CORRECTION, DECIDED, DRY_RUN, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT,
-    SIGN, SLOPE, SLOPE_FROM, STOOD_IN, TIME, TRUST, ZERO,
+    RETURN, RETURN_SLOPE, SIGN, SLOPE, SLOPE_FROM, STOOD_IN, TIME, TRUST, ZERO,
 };
 use crate::clock::Correction;
 use isotherm_core::compensation::{Control, Decision, Remembered, Snapshot};
@@ -75,13 +75,14 @@ impl Recorder {
             header += &cell(&signal.name);
         }
         for axis in &profile.axes {
-            let slope = axis.settings.intercept_slope.map(|_| [SLOPE_FROM, SLOPE]);
+            let slope = axis.settings.intercept_slope.map(|_| [RETURN_SLOPE, SLOPE_FROM, SLOPE]);
             let probe = axis.settings.probe.map(|_| [MEASURED, ACTING, FORGET, CORRECTION]);
             let expected = axis.says_how_wrong().then_some(EXPECTED);
             let stood_in = is_watched(axis).then_some([STOOD_IN, TRUST]);
             let more = slope.into_iter().flatten().chain(probe.into_iter().flatten());
             let more = more.chain(expected).chain(stood_in.into_iter().flatten());
-            for column in [PERMIT, FROM].into_iter().chain(DECIDED).chain([SIGN, BEHIND]).chain(more) {
+            for column in [PERMIT, FROM].into_iter().chain(DECIDED).chain([SIGN, BEHIND, RETURN]).chain(more)
+            {
                 header += ",";
                 header += &cell(&format!("{}_{column}", axis.settings.name));
             }
@@ -139,7 +140,9 @@ impl Recorder {
             let _ = write!(line, ",{}", decision.acted);
             optional(line, control.sign.map(|place| place.get()));
             optional(line, control.behind.map(|verified| verified.get()));
+            optional(line, control.return_to.map(|to| to.cz.get()));
             if *apart {
+                optional(line, control.return_to.map(|to| to.slope.get()));
                 optional(line, control.take_over_slope.map(|found| found.get()));
                 optional(line, Some(decision.slope.get()));
             }

@@ -102,7 +102,7 @@ impl Poll {
 
     /// Makes the device due at once if an answer was discarded and the checks have passed since.
     pub(super) fn make_up(&mut self, shared: &LineHandle, now: Moment) {
-        if self.is_discarded && shared.core().commissioning.is_fit(self.device) {
+        if self.is_discarded && shared.core().devices.is_confirmed(self.device) {
             self.is_discarded = false;
             self.begin_anew(now);
         }
@@ -140,8 +140,8 @@ impl Poll {
         self.repeats += u32::from(next == place);
         self.under_way = (!is_last).then_some((due, next));
         let mut core = shared.core();
-        let is_fit = core.commissioning.is_fit(self.device);
-        if answer.is_ok() && core.commissioning.is_unknown(self.device) {
+        let is_confirmed = core.devices.is_confirmed(self.device);
+        if answer.is_ok() && core.devices.is_unconfirmed(self.device) {
             // Before the checks, nothing is known of the reading, not even that it is wrong.
             self.is_discarded = true;
             self.has_been_read |= is_last;
@@ -153,13 +153,15 @@ impl Poll {
             match (self.captures.captured(signal.capture), &answer) {
                 (Ok(captured), Ok(answered)) => {
                     let value = answered.answer.decode(field, &signal.encoding);
-                    let value = value.and_then(|value| is_fit.then_some(value).ok_or(Reason::NotAsExpected));
+                    let value =
+                        value.and_then(|value| is_confirmed.then_some(value).ok_or(Reason::NotAsExpected));
                     let asked = answered.answer.asked(field).unwrap_or(answered.asked);
                     let asked = captured.map_or(asked, |captured| captured.min(asked));
                     let stamp = answered.answer.stamped(field);
                     let (value, taken) = stamped.believed(stamp, value, asked);
                     core.contact.stamped[field.signal.0] = stamped.age(stamp);
-                    core.board.store(field.signal, value, taken);
+                    let breaks = core.devices.of(self.device).breaks_so_far();
+                    core.board.store(field.signal, value, taken, breaks);
                 }
                 (Err(fault), _) | (_, &Err(fault)) => core.board.fail(field.signal, fault.reason()),
             }

@@ -28,7 +28,7 @@ impl Bench {
     }
 
     fn read(&mut self, id: SignalId, value: Result<f64, Reason>) -> &mut Bench {
-        self.board.store(id, value, self.now);
+        self.board.store(id, value, self.now, 0);
         self
     }
 

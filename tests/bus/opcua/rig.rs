@@ -15,6 +15,7 @@ use isotherm::fieldbus::line::{Answered, DeviceLine, Witness};
 use isotherm::fieldbus::opcua_fault::OpcUaFault;
 use isotherm::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::DataType;
+use isotherm_core::continuity::Break;
 use isotherm_core::reading::Reason;
 use isotherm_profile::{DeviceId, Profile};
 
@@ -172,7 +173,7 @@ struct Exchanges(AtomicU32);
 impl Witness for Exchanges {
     fn note(&self, _: DeviceId, _: Request<'_>, _: Result<(), Fault>, _: (u32, Fault)) {}
 
-    fn may_be_exchanged(&self, _: Option<DeviceId>) {
+    fn breaks(&self, _: Option<DeviceId>, _: Break) {
         self.0.fetch_add(1, Ordering::Relaxed);
     }
 }

@@ -15,6 +15,7 @@ use isotherm::fieldbus::error::Fault;
 use isotherm::fieldbus::line::{DeviceLine, Witness};
 use isotherm::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::{Register, Table, checksum};
+use isotherm_core::continuity::Break;
 use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Parity, Quirks, ReadBy, Serial, Transport};
 use rustix::event::{PollFd, PollFlags, Timespec};
 use rustix::fs::OFlags;
@@ -148,7 +149,7 @@ pub(crate) struct Exchanges(Arc<Mutex<Vec<Option<DeviceId>>>>);
 impl Witness for Exchanges {
     fn note(&self, _: DeviceId, _: Request<'_>, _: Result<(), Fault>, _: (u32, Fault)) {}
 
-    fn may_be_exchanged(&self, device: Option<DeviceId>) {
+    fn breaks(&self, device: Option<DeviceId>, _: Break) {
         self.0.lock().unwrap().push(device);
     }
 }

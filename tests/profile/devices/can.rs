@@ -201,7 +201,7 @@ fn encoders_send_their_position_in_four_bytes_whatever_follows_and_are_checked_f
             .profile;
         let check = &machine.devices[0].verify[0];
         assert_eq!((check.to_string().as_str(), check.mismatch(&[0, 5000])), ("object 6005:01", None));
-        assert!(check.mismatch(&[0, 1000]).unwrap().contains("reads 1000 instead of 5000"));
+        assert!(check.mismatch(&[0, 1000]).unwrap().to_string().contains("reads 1000 instead of 5000"));
     }
 }
 

@@ -169,7 +169,7 @@ fn encoder_counters_count_below_zero_and_are_checked_to_be_encoders() {
     reads(&aspar, "holding:84", &[(&[0x0001, 0x0002], 131_073.0), (&[0xffff, 0xffff], -1.0)]);
     let check = &aspar.devices[0].verify[0];
     assert_eq!((check.to_string().as_str(), check.mismatch(&[0x0020])), ("holding:116.5 (40117.5)", None));
-    assert!(check.mismatch(&[0x001f]).unwrap().contains("reads 0 instead of 1"));
+    assert!(check.mismatch(&[0x001f]).unwrap().to_string().contains("reads 0 instead of 1"));
     let icp = signal("template = \"icp-das-m7084\"", "2", "word_order = \"lsw-first\"");
     reads(&icp, "input:4", &[(&[0xfffe, 0xffff], -2.0)]);
 }
@@ -184,7 +184,7 @@ fn an_absolute_encoder_is_not_believed_while_it_says_so_itself() {
     assert_eq!((condemned(&machine, 1.0), condemned(&machine, 0.0)), (Some(true), Some(false)));
     let check = &machine.devices[0].verify[0];
     assert_eq!(check.mismatch(&[0, 8192]), None);
-    assert!(check.mismatch(&[0, 4096]).unwrap().contains("reads 4096 instead of 8192"));
+    assert!(check.mismatch(&[0, 4096]).unwrap().to_string().contains("reads 4096 instead of 8192"));
 }
 
 /// What is written to it is tested beside LinuxCNC.

@@ -223,12 +223,14 @@ impl Axis {
 
     /// Moves both guards towards the requested values; their values, the targets, and the stages that acted on either.
     fn guarded(&mut self, followed: Option<Chosen>, control: &Control, dt: Duration) -> Guarded {
+        let returns = control.return_to.filter(|_| control.permit == Permit::Armed);
         let (wanted, pace) = match (self.state, followed, self.settings.on_fault) {
             (AxisState::Active | AxisState::Degraded, Some(chosen), _) => {
                 (Some((control.sign.unwrap_or(chosen.raw), chosen.slope)), Pace::Follow)
             }
             (AxisState::Ramping, _, OnFault::Zero) => (Some((Micron::ZERO, Micron::ZERO)), Pace::Steps),
             (AxisState::Ramping, _, _) => (Some((Micron::ZERO, Micron::ZERO)), Pace::Ramp),
+            (AxisState::Holding(_), None, _) => (returns.map(|to| (to.cz, to.slope)), Pace::Follow),
             _ => (None, Pace::Follow),
         };
         let guard = &self.settings.guard;

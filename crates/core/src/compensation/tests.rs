@@ -17,6 +17,7 @@ mod outside;
 mod probes;
 mod properties;
 mod restarted;
+mod returns;
 mod signs;
 mod stand_ins;
 mod states;

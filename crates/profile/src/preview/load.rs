@@ -75,6 +75,22 @@ fn cost(bus: &Bus, device: &Device, asked: &Exchange) -> Cost {
     Cost { known, waits: 1.0 }
 }
 
+/// Returns how long one exchange takes, with the time that a device is assumed to need for its answer.
+pub(super) fn exchange_time(bus: &Bus, device: &Device, asked: &Exchange) -> Duration {
+    let Cost { known, waits } = cost(bus, device, asked);
+    known + answer_time(bus.transport).mul_f64(waits)
+}
+
+/// Returns how long a device on such a line is assumed to take for an answer.
+fn answer_time(transport: Transport) -> Duration {
+    match transport {
+        Transport::RtuOverTcp => ANSWER_THROUGH_SERVER,
+        Transport::Tcp | Transport::Serial(_) | Transport::Can | Transport::OpcUa | Transport::Sysfs => {
+            ANSWER
+        }
+    }
+}
+
 pub(super) fn ms(span: Duration) -> f64 {
     1000.0 * span.as_secs_f64()
 }
@@ -110,12 +126,7 @@ impl Load {
         if asked.is_empty() {
             return None;
         }
-        let answer = match bus.transport {
-            Transport::RtuOverTcp => ANSWER_THROUGH_SERVER,
-            Transport::Tcp | Transport::Serial(_) | Transport::Can | Transport::OpcUa | Transport::Sysfs => {
-                ANSWER
-            }
-        };
+        let answer = answer_time(bus.transport);
         let (mut known, mut waits, mut percent) = (0.0, 0.0, [0.0; 2]);
         for asked in &asked {
             let cost = cost(bus, profile.device(asked.device), asked);

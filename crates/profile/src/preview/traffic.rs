@@ -253,6 +253,11 @@ pub(super) fn read_frames(request: &ReadRequest) -> (usize, usize) {
     request.span().map_or((0, 0), |(from, count)| cells_read(from.table, count))
 }
 
+/// Returns the bytes of the frames that read a value of this many registers, with unit and checksum.
+pub(super) fn read_cells(address: &Address, registers: u16) -> (usize, usize) {
+    cells_read(register_for(address).table, registers)
+}
+
 fn registers_read(count: u16) -> (usize, usize) {
     cells_read(Table::Holding, count)
 }

@@ -87,7 +87,7 @@ pub(crate) struct RawDevice {
     /// CANopen: what its emergency codes mean, beside those of CiA 301.
     #[schemars(extend("x-layers" = "free"))]
     emergency: Option<Vec<RawEmergency>>,
-    /// Registers (CANopen: objects) read before arming; a mismatch refuses to arm.
+    /// Registers (CANopen: objects) read before arming and while the gateway runs; a mismatch refuses to arm, and makes readings bad.
     verify: Option<Vec<RawVerify>>,
 }
 
@@ -162,8 +162,13 @@ impl Device {
         !self.verify.is_empty() || self.can.as_ref().is_some_and(|can| !can.setup.is_empty())
     }
 
-    /// What is read from it, what is read before arming, and what it has from its template.
-    pub(crate) fn preview(&self, profile: &Profile, id: DeviceId) -> Section {
+    /// What is read from it, its checks with what may happen between two of them, and what it has from its template.
+    pub(crate) fn preview(
+        &self,
+        profile: &Profile,
+        id: DeviceId,
+        (checks, bounds): (Vec<Section>, Vec<String>),
+    ) -> Section {
         let requests = profile.register_requests(id);
         let (name, unit, every, summary) = (&self.name, self.unit, shown(self.every), summary(&requests));
         let can = self.can.as_ref().map(|can| can.preview(profile, id));
@@ -197,7 +202,9 @@ impl Device {
         section.entry("every", every);
         section.entry("summary", summary);
         section.parts("requests", requests.iter().map(|request| request.preview(profile)));
-        section.parts("checks", self.verify.iter().map(Expected::preview));
+        section.parts("checks", checks.into_iter());
+        section.lines("    ", &bounds);
+        section.entry("settings_bounds", bounds);
         section.part("template", self.template.as_ref().map(Template::preview));
         section.json("can", can);
         section

@@ -21,7 +21,7 @@ fn at(seconds: u64) -> Moment {
 }
 
 /// A connection with so many answers, closed in order at this second.
-fn closes(line: &mut Continuity, answers: u32, second: u64) -> Exchanged {
+fn closes(line: &mut Evidence, answers: u32, second: u64) -> Broken {
     line.connected();
     (0..answers).for_each(|_| line.answered());
     line.ends(Fault::CLOSED, Ending::Closed, at(second), at(second))
@@ -29,42 +29,42 @@ fn closes(line: &mut Continuity, answers: u32, second: u64) -> Exchanged {
 
 #[test]
 fn a_connection_that_is_reset_is_a_possible_exchange_and_one_that_the_server_keeps_is_not() {
-    let mut line = Continuity::default();
+    let mut line = Evidence::default();
     line.answered();
     for fault in [Fault::BROKEN, Fault::CLOSED] {
-        assert_eq!(line.ends(fault, Ending::Lost, at(9), at(9)), Exchanged::All);
-        assert_eq!(line.ends(fault, Ending::Kept, at(9), at(9)), Exchanged::None);
+        assert_eq!(line.ends(fault, Ending::Lost, at(9), at(9)), Broken::All);
+        assert_eq!(line.ends(fault, Ending::Kept, at(9), at(9)), Broken::None);
     }
 }
 
 #[test]
 fn a_server_that_closes_after_each_answer_is_never_exchanged_by_that() {
-    let mut line = Continuity::default();
-    assert!((0..99).all(|hour| closes(&mut line, 1, hour * 7200) == Exchanged::None));
+    let mut line = Evidence::default();
+    assert!((0..99).all(|hour| closes(&mut line, 1, hour * 7200) == Broken::None));
 }
 
 #[test]
 fn a_server_that_closes_idle_connections_is_a_possible_exchange_once_and_one_that_rarely_closes_each_time() {
-    let mut often = Continuity::default();
+    let mut often = Evidence::default();
     let found: Vec<_> = (0..4).map(|minute| closes(&mut often, 5, minute * 60)).collect();
-    assert_eq!(found, [Exchanged::All, Exchanged::None, Exchanged::None, Exchanged::None]);
-    let mut rarely = Continuity::default();
-    assert!((0..4).all(|day| closes(&mut rarely, 5, day * 86_400) == Exchanged::All));
+    assert_eq!(found, [Broken::All, Broken::None, Broken::None, Broken::None]);
+    let mut rarely = Evidence::default();
+    assert!((0..4).all(|day| closes(&mut rarely, 5, day * 86_400) == Broken::All));
 }
 
 #[test]
 fn a_connection_that_is_closed_before_its_first_answer_is_a_possible_exchange() {
-    let mut line = Continuity::default();
-    assert!((0..4).all(|second| closes(&mut line, 0, second) == Exchanged::All));
+    let mut line = Evidence::default();
+    assert!((0..4).all(|second| closes(&mut line, 0, second) == Broken::All));
 }
 
 #[test]
 fn one_lost_answer_is_no_exchange_and_a_long_silence_is() {
-    let mut line = Continuity::default();
-    assert_eq!(line.ends(Fault::Timeout, Ending::Lost, at(10), at(12)), Exchanged::None);
-    assert_eq!(line.ends(Fault::Timeout, Ending::Lost, at(10), at(20)), Exchanged::Unit);
+    let mut line = Evidence::default();
+    assert_eq!(line.ends(Fault::Timeout, Ending::Lost, at(10), at(12)), Broken::None);
+    assert_eq!(line.ends(Fault::Timeout, Ending::Lost, at(10), at(20)), Broken::Unit);
     let wrong = Fault::Peer(PeerFault::Foreign);
-    assert_eq!(line.ends(wrong, Ending::Lost, at(10), at(20)), Exchanged::None, "it answers");
+    assert_eq!(line.ends(wrong, Ending::Lost, at(10), at(20)), Broken::None, "it answers");
 }
 
 /// Treatment of one question by a device. [`serve`] answers the questions beyond the list of a connection.
@@ -130,7 +130,7 @@ struct Sees(Arc<Mutex<Seen>>);
 impl Witness for Sees {
     fn note(&self, _: DeviceId, _: Request<'_>, _: Result<(), Fault>, _: (u32, Fault)) {}
 
-    fn may_be_exchanged(&self, device: Option<DeviceId>) {
+    fn breaks(&self, device: Option<DeviceId>, _: Break) {
         let mut seen = self.0.lock().unwrap();
         seen.exchanged.push(device);
         seen.is_verified = false;

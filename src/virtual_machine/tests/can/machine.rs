@@ -138,6 +138,7 @@ pub(super) fn can_machine() -> Profile {
         equals: 3,
         what: "type K".to_owned(),
         remedy: String::new(),
+        every: std::time::Duration::from_secs(60),
     }];
     Profile {
         buses: vec![line],

@@ -1,18 +1,24 @@
-//! `verify` of a device: what is read of it before anything that depends on it is armed.
+//! `verify` of a device: what is read of it before anything that depends on it is armed, and again while the gateway runs.
 
 use std::fmt;
+use std::time::Duration;
 
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::functions::Functions;
 use crate::document::Section;
+use crate::duration::{Timespan, shown};
 use crate::tables::register::{TypeWord, WordOrderWord, cell, fits, plain, word_order};
 use crate::tables::{At, can, opcua};
 use isotherm_core::codec::{Address, DataType, Encoding, Object};
+use isotherm_core::continuity::{Difference, Found};
 use isotherm_core::reading::Reason;
 
-/// One register, or one object, that is read before arming.
+/// Period of a check if the profile does not say.
+const EVERY: Duration = Duration::from_secs(60);
+
+/// One register, or one object, that is read before arming and while the gateway runs.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Verify")]
@@ -36,6 +42,8 @@ pub(super) struct RawVerify {
     what: Option<String>,
     /// What to do where it reads something else.
     remedy: Option<String>,
+    /// How often it is read while the gateway runs; longer if the checks of a line would take more than 1 % of its time. Default "1min".
+    every: Option<Timespan>,
 }
 
 /// A register or an object that must read a certain value: a type code, a data format, whether a broken wire is looked for.
@@ -51,37 +59,41 @@ pub struct Expected {
     pub what: String,
     /// What to do where it reads something else.
     pub remedy: String,
+    /// How often it is read while the gateway runs, before the line's stretch.
+    pub every: Duration,
 }
 
 impl Expected {
-    /// What is read before arming, and what it must be.
-    pub(super) fn preview(&self) -> Section {
+    /// What is read before arming and at this period, and what it must be.
+    pub(crate) fn preview(&self, period: Duration) -> Section {
         let Expected { equals, what, .. } = self;
         let mut section = Section::default();
-        section.line(format!("    before arming {self} must read {equals}: {what}"));
+        let every = shown(period);
+        section.line(format!("    before arming and every {every} {self} must read {equals}: {what}"));
+        section.entry("every", every);
         section.entry("register", self.to_string());
         section.entry("equals", equals);
         section.entry("what", what);
         section
     }
 
-    /// The sentence that these registers are wrong; `None` where they are as they must be.
-    pub fn mismatch(&self, registers: &[u16]) -> Option<String> {
-        let found = match self.encoding.counts(registers) {
-            Some(counts) if counts.0 == self.equals => return None,
-            Some(counts) => counts.to_string(),
-            None => Reason::BadReply.to_string(),
-        };
-        Some(format!("{self} reads {found} instead of {} ({}){}", self.equals, self.what, self.advice()))
+    /// Returns the difference if these registers are not as expected.
+    pub fn mismatch(&self, registers: &[u16]) -> Option<Difference> {
+        match self.encoding.counts(registers) {
+            Some(counts) if counts.0 == self.equals => None,
+            Some(counts) => Some(self.differs(Found::Value(counts.to_string()))),
+            None => Some(self.differs(Found::Value(Reason::BadReply.to_string()))),
+        }
     }
 
-    /// The sentence that it could not be checked, and why.
-    pub fn unreadable(&self, why: impl fmt::Display) -> String {
-        format!("{self} cannot be read: {why} ({}){}", self.what, self.advice())
+    /// Returns the difference that it cannot be read, for this reason.
+    pub fn unreadable(&self, why: impl fmt::Display) -> Difference {
+        self.differs(Found::Unreadable(why.to_string()))
     }
 
-    fn advice(&self) -> String {
-        if self.remedy.is_empty() { String::new() } else { format!(": {}", self.remedy) }
+    fn differs(&self, is: Found) -> Difference {
+        let (meaning, remedy) = (self.what.clone(), self.remedy.clone());
+        Difference { what: self.to_string(), was: self.equals.to_string(), is, meaning, remedy }
     }
 }
 
@@ -128,7 +140,7 @@ impl RawVerify {
         let word_order = word_order(&at.key("word_order"), Some(data_type), self.word_order)?;
         fits(&place, cell.address, data_type);
         let encoding = Encoding { word_order, ..plain(data_type) };
-        Some(self.expected(cell.address.into(), encoding, equals))
+        Some(self.expected(at, cell.address.into(), encoding, equals))
     }
 
     /// An object that a CANopen node must be found to hold.
@@ -145,7 +157,7 @@ impl RawVerify {
         let data_type = can::object_type(&at.key("type"), kind)?;
         let equals = self.equal(at, data_type)?;
         let address = Address::Object(Object { entry: entry?, data_type });
-        Some(self.expected(address, plain(data_type), equals))
+        Some(self.expected(at, address, plain(data_type), equals))
     }
 
     /// A node that an OPC UA server must be found to hold.
@@ -155,7 +167,7 @@ impl RawVerify {
         let node = opcua::compared(at, self.node.as_ref(), self.kind)?;
         let data_type = node.taken_as();
         let equals = self.equal(at, data_type)?;
-        Some(self.expected(Address::Node(node), plain(data_type), equals))
+        Some(self.expected(at, Address::Node(node), plain(data_type), equals))
     }
 
     /// What must be read, where a value of this type can ever be that.
@@ -173,8 +185,9 @@ impl RawVerify {
         Some(equals)
     }
 
-    fn expected(&self, address: Address, encoding: Encoding, equals: i64) -> Expected {
+    fn expected(&self, at: &At<'_>, address: Address, encoding: Encoding, equals: i64) -> Expected {
         let what = self.what.clone().unwrap_or_else(|| "as the profile expects it".to_owned());
-        Expected { address, encoding, equals, what, remedy: self.remedy.clone().unwrap_or_default() }
+        let every = at.key("every").period(self.every).unwrap_or(EVERY);
+        Expected { address, encoding, equals, what, remedy: self.remedy.clone().unwrap_or_default(), every }
     }
 }

@@ -1,0 +1,51 @@
+//! The settings of a sensor were changed: an axis that keeps its value goes back to what it held before.
+
+use super::*;
+use crate::compensation::ReturnTo;
+
+fn fault_at(cz: f64, on_fault: OnFault) -> (Rig, Micron) {
+    let mut settings = axis(vec![linear("rise", 0.0, &[term(BED, 1.0, Reference::Fixed(of(20.0)))])]);
+    settings.on_fault = on_fault;
+    let mut rig = Rig::new(settings);
+    rig.found(0.0).show(20.0 + cz, 0.0);
+    rig.run(400.0);
+    let before = rig.after(10.0).cz;
+    assert_eq!(before, um(cz));
+    // Whole degrees instead of tenths.
+    rig.show(2.0, 0.0);
+    let moved = rig.run(40.0).last().unwrap().cz;
+    assert!(moved < before, "{moved}");
+    rig.show(f64::NAN, 0.0);
+    rig.control.return_to = Some(ReturnTo { cz: before, slope: Micron::ZERO });
+    (rig, before)
+}
+
+#[test]
+fn an_axis_that_holds_goes_back_in_steps() {
+    let (mut rig, before) = fault_at(10.0, OnFault::Hold);
+    let mut last = rig.after(10.0);
+    for _ in 0..40 {
+        let control = rig.control.return_to;
+        rig.control.return_to = Some(ReturnTo { cz: before, slope: Micron::ZERO }).or(control);
+        let decision = rig.after(10.0);
+        assert!((decision.cz - last.cz).abs() <= um(1.0), "{} after {}", decision.cz, last.cz);
+        assert_eq!(decision.target, before);
+        assert!(matches!(decision.state, AxisState::Holding(_)), "{:?}", decision.state);
+        last = decision;
+    }
+    assert_eq!(last.cz, before);
+}
+
+#[test]
+fn an_interlock_that_is_open_keeps_it_where_it_is() {
+    let (mut rig, _) = fault_at(10.0, OnFault::Hold);
+    rig.permit(Permit::Held);
+    let held = rig.after(10.0).cz;
+    assert_eq!(rig.run(100.0).last().unwrap().cz, held);
+}
+
+#[test]
+fn an_axis_that_goes_to_zero_goes_there() {
+    let (mut rig, _) = fault_at(10.0, OnFault::Zero);
+    assert_eq!(rig.run(400.0).last().unwrap().cz, Micron::ZERO);
+}

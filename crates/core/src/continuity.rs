@@ -1,0 +1,217 @@
+//! Continuity of devices: whether the device that answers is the one that was verified before.
+//!
+//! An address and a name do not identify a device. After a break of contact another module or control may answer there, or the same
+//! one with other settings. [`DeviceContinuity`] collects what is known of one device. One method breaks its continuity
+//! ([`DeviceContinuity::breaks`]) and one mends it ([`DeviceContinuity::verified`]).
+//!
+//! ```text
+//!              verified                    breaks
+//! Unconfirmed ──────────► Confirmed ◄──► Unconfirmed
+//!      │                      │
+//!      └─────► Changed ◄──────┘            a check found something else
+//!                 └──────► Confirmed       the same check passes again
+//! ```
+//!
+//! While a device is not [`Continuity::Confirmed`], its new readings are not used and nothing is written to it. Its last good
+//! readings age to their `max_age`. A device without checks has nothing that identifies it and stays confirmed. Its breaks are counted,
+//! so that [`RateFilter`] compares the first value after a break with the last good one before it.
+
+use std::fmt;
+use std::time::Duration;
+
+use crate::quantity::Moment;
+
+mod rate;
+
+pub use rate::{RateFault, RateFilter};
+
+/// Requests in a row without an answer that can be a break: a single lost answer is none.
+const SILENT_REQUESTS: u32 = 2;
+/// Poll periods without an answer that are a break.
+const SILENT_PERIODS: u32 = 2;
+
+/// Whether the device that answers is known to be the one that was verified.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Continuity {
+    /// The device has passed its checks, and contact has not been broken since.
+    Confirmed,
+    /// Contact was broken. The next exchange reads the checks.
+    Unconfirmed {
+        /// Time of the first break.
+        since: Moment,
+        /// Cause of the first break.
+        cause: Break,
+    },
+    /// A check found something else than expected. Never empty.
+    Changed(Vec<Difference>),
+}
+
+/// Cause of a break of continuity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Break {
+    /// The gateway has just started.
+    Start,
+    /// A connection was refused.
+    Refused,
+    /// A connection was reset, or closed without an answer.
+    ConnectionLost,
+    /// A connection was made that does not resume the one before.
+    NewConnection,
+    /// The interface of the bus, or its serial adapter, went down.
+    InterfaceDown,
+    /// The device was restarted.
+    Restarted,
+    /// The computer stood still for longer than the readings may age.
+    Pause,
+    /// The device did not answer for two poll periods.
+    Silence,
+}
+
+/// One check with another result than expected.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// What was checked, for example `holding:90 (40091)`.
+    pub what: String,
+    /// Expected value.
+    pub was: String,
+    /// Value found, or why it cannot be read.
+    pub is: Found,
+    /// Meaning of the value, for people.
+    pub meaning: String,
+    /// Remedy from the profile; may be empty.
+    pub remedy: String,
+}
+
+/// Result of a check that did not pass.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Found {
+    /// It reads another value.
+    Value(String),
+    /// It cannot be read, for this reason.
+    Unreadable(String),
+    /// It could not be set up, as this sentence says.
+    NotSetUp(String),
+}
+
+/// What identifies a device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Identity {
+    /// Nothing: it has no checks.
+    None,
+    /// Its checks.
+    Checks,
+}
+
+/// Continuity of one device.
+#[derive(Clone, Debug)]
+pub struct DeviceContinuity {
+    identity: Identity,
+    /// Time without an answer that is a break.
+    silence: Duration,
+    state: Continuity,
+    /// Breaks so far.
+    breaks: u64,
+    /// Last answer.
+    answered: Moment,
+    /// Requests without an answer since.
+    missed: u32,
+    /// That has broken continuity.
+    is_silent: bool,
+}
+
+impl DeviceContinuity {
+    /// Begins for a device with this identity and poll period.
+    pub fn new(identity: Identity, period: Duration, start: Moment) -> DeviceContinuity {
+        let state = match identity {
+            Identity::None => Continuity::Confirmed,
+            Identity::Checks => Continuity::Unconfirmed { since: start, cause: Break::Start },
+        };
+        let silence = period.saturating_mul(SILENT_PERIODS);
+        DeviceContinuity { identity, silence, state, breaks: 0, answered: start, missed: 0, is_silent: false }
+    }
+
+    /// State of the device.
+    pub fn state(&self) -> &Continuity {
+        &self.state
+    }
+
+    /// Returns whether readings of the device are used and writes to it are sent.
+    pub fn is_confirmed(&self) -> bool {
+        self.state == Continuity::Confirmed
+    }
+
+    /// Number of breaks so far. A check that was read before the last break says nothing of the present device.
+    pub fn breaks_so_far(&self) -> u64 {
+        self.breaks
+    }
+
+    /// Breaks continuity. A device that is already unconfirmed keeps its first cause. A changed device stays changed until a check
+    /// passes.
+    pub fn breaks(&mut self, cause: Break, now: Moment) {
+        self.breaks += 1;
+        if self.identity == Identity::Checks && self.is_confirmed() {
+            self.state = Continuity::Unconfirmed { since: now, cause };
+        }
+    }
+
+    /// Takes the result of the checks, read after this many breaks. An empty list confirms the device. Returns the state before, or
+    /// `None` if continuity was broken in between and the checks must be read again.
+    pub fn verified(&mut self, after: u64, differences: Vec<Difference>) -> Option<Continuity> {
+        if after != self.breaks {
+            return None;
+        }
+        let state =
+            if differences.is_empty() { Continuity::Confirmed } else { Continuity::Changed(differences) };
+        Some(std::mem::replace(&mut self.state, state))
+    }
+
+    /// Notes an answer.
+    pub fn answers(&mut self, now: Moment) {
+        (self.answered, self.missed, self.is_silent) = (now, 0, false);
+    }
+
+    /// Notes a request without an answer. Several of them, over two poll periods, break continuity once.
+    pub fn misses(&mut self, now: Moment) {
+        self.missed = self.missed.saturating_add(1);
+        let is_silent = self.missed >= SILENT_REQUESTS && now.since(self.answered) >= self.silence;
+        if is_silent && !std::mem::replace(&mut self.is_silent, true) {
+            self.breaks(Break::Silence, now);
+        }
+    }
+}
+
+impl fmt::Display for Break {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Break::Start => "the gateway has just started",
+            Break::Refused => "a connection was refused",
+            Break::ConnectionLost => "its connection was lost",
+            Break::NewConnection => "a new connection was made",
+            Break::InterfaceDown => "the interface was down",
+            Break::Restarted => "it was restarted",
+            Break::Pause => "the computer stood still",
+            Break::Silence => "it did not answer for two poll periods",
+        })
+    }
+}
+
+impl fmt::Display for Difference {
+    /// `holding:90 (40091) reads 6 instead of 5 (decimal point): set it to 5 at the panel`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Difference { what, was, is, meaning, remedy } = self;
+        match is {
+            Found::Value(is) => write!(f, "{what} reads {is} instead of {was} ({meaning})")?,
+            Found::Unreadable(why) => write!(f, "{what} cannot be read: {why} ({meaning})")?,
+            Found::NotSetUp(sentence) => return f.write_str(sentence),
+        }
+        if remedy.is_empty() { Ok(()) } else { write!(f, ": {remedy}") }
+    }
+}
+
+/// Joins differences to one sentence.
+pub fn sentence(differences: &[Difference]) -> String {
+    differences.iter().map(Difference::to_string).collect::<Vec<_>>().join("; ")
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,162 @@
+use std::time::Duration;
+
+use super::{Break, Continuity, DeviceContinuity, Difference, Found, Identity, RateFault, RateFilter};
+use crate::quantity::Moment;
+
+const PERIOD: Duration = Duration::from_secs(1);
+
+fn at(seconds: f64) -> Moment {
+    Moment::default().after(Duration::from_secs(1000) + Duration::from_secs_f64(seconds))
+}
+
+fn checked() -> DeviceContinuity {
+    let mut device = DeviceContinuity::new(Identity::Checks, PERIOD, at(0.0));
+    device.verified(0, Vec::new());
+    device.answers(at(0.0));
+    assert!(device.is_confirmed());
+    device
+}
+
+fn difference() -> Difference {
+    Difference {
+        what: "holding:90 (40091)".into(),
+        was: "5".into(),
+        is: Found::Value("6".into()),
+        meaning: "decimal point".into(),
+        remedy: String::new(),
+    }
+}
+
+#[test]
+fn a_device_is_unconfirmed_until_its_checks_pass() {
+    let mut device = DeviceContinuity::new(Identity::Checks, PERIOD, at(0.0));
+    assert_eq!(*device.state(), Continuity::Unconfirmed { since: at(0.0), cause: Break::Start });
+    assert!(device.verified(0, Vec::new()).is_some());
+    assert!(device.is_confirmed());
+    assert!(DeviceContinuity::new(Identity::None, PERIOD, at(0.0)).is_confirmed(), "nothing identifies it");
+}
+
+#[test]
+fn each_cause_breaks_continuity_and_the_first_one_is_kept() {
+    let causes = [
+        Break::Refused,
+        Break::ConnectionLost,
+        Break::NewConnection,
+        Break::InterfaceDown,
+        Break::Restarted,
+        Break::Pause,
+    ];
+    for cause in causes {
+        let mut device = checked();
+        device.breaks(cause, at(3.0));
+        device.breaks(Break::Silence, at(4.0));
+        assert_eq!(*device.state(), Continuity::Unconfirmed { since: at(3.0), cause });
+        assert_eq!(device.breaks_so_far(), 2);
+    }
+}
+
+#[test]
+fn a_check_that_was_read_before_a_break_confirms_nothing() {
+    let mut device = checked();
+    device.breaks(Break::Refused, at(1.0));
+    let before = device.breaks_so_far();
+    device.breaks(Break::ConnectionLost, at(2.0));
+    assert_eq!(device.verified(before, Vec::new()), None);
+    assert!(!device.is_confirmed());
+    assert!(device.verified(device.breaks_so_far(), Vec::new()).is_some());
+    assert!(device.is_confirmed());
+}
+
+#[test]
+fn a_changed_device_stays_changed_over_breaks_until_its_checks_pass() {
+    let mut device = checked();
+    device.verified(0, vec![difference()]);
+    device.breaks(Break::Refused, at(1.0));
+    assert_eq!(*device.state(), Continuity::Changed(vec![difference()]));
+    device.verified(1, Vec::new());
+    assert!(device.is_confirmed());
+}
+
+#[test]
+fn one_lost_answer_is_no_break_and_silence_is_one() {
+    // Moments of the misses after an answer at 0 s, and whether continuity is broken then.
+    let table: [(&[f64], bool); 6] = [
+        (&[1.0], false),
+        (&[5.0], false),
+        (&[1.0, 1.5], false),
+        (&[1.0, 2.0], true),
+        (&[1.0, 1.2, 1.4, 1.9], false),
+        (&[1.0, 1.2, 1.4, 2.1], true),
+    ];
+    for (misses, is_broken) in table {
+        let mut device = checked();
+        misses.iter().for_each(|moment| device.misses(at(*moment)));
+        assert_eq!(!device.is_confirmed(), is_broken, "misses at {misses:?}");
+    }
+    let mut device = checked();
+    for second in 1..200 {
+        device.misses(at(f64::from(second)));
+        device.answers(at(f64::from(second) + 0.5));
+    }
+    assert!(device.is_confirmed(), "an answer after each lost one");
+}
+
+#[test]
+fn lasting_silence_is_one_break() {
+    let mut device = checked();
+    (1..100).for_each(|second| device.misses(at(f64::from(second))));
+    assert_eq!(device.breaks_so_far(), 1);
+    device.answers(at(100.0));
+    (101..110).for_each(|second| device.misses(at(f64::from(second))));
+    assert_eq!(device.breaks_so_far(), 2);
+}
+
+#[test]
+fn a_value_after_a_break_does_not_become_plausible_by_waiting() {
+    let mut filter = RateFilter::default();
+    let rate = Some(0.1);
+    assert_eq!(filter.judge(25.1, at(0.0), rate, 0), Ok(()));
+    // Whole degrees instead of tenths.
+    for second in 20..2000 {
+        assert_eq!(filter.judge(2.5, at(f64::from(second)), rate, 1), Err(RateFault::Jumped), "{second} s");
+    }
+    // Another break does not widen what is allowed.
+    assert_eq!(filter.judge(2.5, at(3000.0), rate, 2), Err(RateFault::Jumped));
+    // Two degrees in twenty seconds are.
+    assert_eq!(filter.judge(26.9, at(3001.0), rate, 2), Ok(()));
+    assert_eq!(filter.judge(27.3, at(3002.0), rate, 2), Err(RateFault::TooFast));
+}
+
+#[test]
+fn without_a_break_a_value_that_stays_is_accepted_in_time() {
+    let mut filter = RateFilter::default();
+    assert_eq!(filter.judge(20.0, at(0.0), Some(1.0), 7), Ok(()));
+    assert_eq!(filter.judge(25.0, at(1.0), Some(1.0), 7), Err(RateFault::TooFast));
+    assert_eq!(filter.judge(25.0, at(5.0), Some(1.0), 7), Ok(()));
+    assert_eq!(filter.judge(99.0, at(6.0), None, 8), Ok(()), "a signal without max_rate");
+}
+
+#[test]
+fn a_confirmed_signal_takes_its_next_value() {
+    let mut filter = RateFilter::default();
+    assert_eq!(filter.judge(25.0, at(0.0), Some(0.1), 0), Ok(()));
+    assert_eq!(filter.judge(80.0, at(9.0), Some(0.1), 1), Err(RateFault::Jumped));
+    filter.forget();
+    assert_eq!(filter.judge(80.0, at(10.0), Some(0.1), 1), Ok(()));
+}
+
+#[test]
+fn a_difference_says_what_was_expected_and_what_was_found() {
+    let mut difference = difference();
+    assert_eq!(difference.to_string(), "holding:90 (40091) reads 6 instead of 5 (decimal point)");
+    difference.remedy = "set it to 5 at the panel".into();
+    assert_eq!(
+        difference.to_string(),
+        "holding:90 (40091) reads 6 instead of 5 (decimal point): set it to 5 at the panel"
+    );
+    difference.is = Found::Unreadable("no answer in time".into());
+    assert_eq!(
+        difference.to_string(),
+        "holding:90 (40091) cannot be read: no answer in time (decimal point): set it to 5 at the panel"
+    );
+}

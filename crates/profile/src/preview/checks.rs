@@ -1,0 +1,69 @@
+//! How often the checks of a device are read while the gateway runs, and what may happen between two of them.
+
+use std::time::Duration;
+
+use super::load::exchange_time;
+use super::traffic::{Exchange, read_cells};
+use crate::document::Section;
+use crate::duration::shown;
+use crate::tables::device::verify::Expected;
+use crate::{BusId, Device, DeviceId, Profile};
+use isotherm_core::compensation::model::Model;
+
+/// Largest part of a line's time for the checks of its devices.
+const SHARE: f64 = 0.01;
+
+/// Returns the factor by which the periods of all checks on a line are longer than the profile says, so that they take at most
+/// 1 % of its time. At least 1.
+pub fn stretch(profile: &Profile, bus: BusId) -> f64 {
+    let checks =
+        profile.devices_on(bus).flat_map(|(id, device)| device.verify.iter().map(move |check| (id, check)));
+    let share =
+        checks.map(|(id, check)| time_of(profile, id, check).as_secs_f64() / check.every.as_secs_f64());
+    (share.sum::<f64>() / SHARE).max(1.0)
+}
+
+/// Returns the real period of a check.
+pub fn period(check: &Expected, stretch: f64) -> Duration {
+    check.every.mul_f64(stretch)
+}
+
+/// Returns the names of the devices that nothing identifies: they answer or are written to, and have no checks.
+pub(super) fn unidentified(profile: &Profile) -> Vec<&str> {
+    let is_asked = |device: &Device| match &device.can {
+        Some(can) => can.node.is_some(),
+        None => !device.is_pc,
+    };
+    let devices = profile.devices.iter().filter(|device| is_asked(device) && !device.is_checked());
+    devices.map(|device| device.name.as_str()).collect()
+}
+
+fn time_of(profile: &Profile, device: DeviceId, check: &Expected) -> Duration {
+    let (question, answer) = read_cells(&check.address, check.encoding.data_type.registers());
+    let asked = Exchange { device, per_second: 0.0, question, answer, writes: false };
+    let owner = profile.device(device);
+    exchange_time(profile.bus(owner.bus), owner, &asked)
+}
+
+/// Returns the checks of a device with their real periods, and by how much each axis that reads from it may move before a change
+/// of settings is found.
+pub(super) fn preview(profile: &Profile, id: DeviceId, device: &Device) -> (Vec<Section>, Vec<String>) {
+    let stretch = stretch(profile, device.bus);
+    let checks = device.verify.iter().map(|check| check.preview(period(check, stretch))).collect();
+    let Some(longest) = device.verify.iter().map(|check| period(check, stretch)).max() else {
+        return (checks, Vec::new());
+    };
+    let reads_it =
+        |model: &Model| model.signals().into_iter().any(|signal| profile.signal(signal).device == id);
+    let bounds = profile.axes.iter().filter(|axis| axis.settings.models.iter().any(reads_it)).map(|axis| {
+        let guard = &axis.settings.guard;
+        let moved = (guard.rate.get() * longest.as_secs_f64()).min(2.0 * guard.limit.get());
+        format!(
+            "settings changed while it runs are found within {}; axis {} moves by at most {:.1} µm until then, and goes back",
+            shown(longest),
+            axis.settings.name,
+            moved
+        )
+    });
+    (checks, bounds.collect())
+}

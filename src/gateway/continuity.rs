@@ -1,0 +1,161 @@
+//! Continuity of the devices of the profile, and which devices an axis depends on. The decisions are in
+//! [`isotherm_core::continuity`]; the checks are read by the [`Inspector`](super::inspector::Inspector).
+
+use std::sync::Arc;
+
+use super::arming::Arming;
+use super::noted::Noted;
+use isotherm_core::compensation::model::Model;
+use isotherm_core::compensation::{Compensation, ReturnTo};
+use isotherm_core::continuity::{Break, Continuity, DeviceContinuity, Difference, Identity, sentence};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{AxisId, Device, DeviceId, Profile};
+
+/// Continuity of all devices.
+#[derive(Clone, Debug)]
+pub(super) struct Devices {
+    devices: Vec<DeviceContinuity>,
+    of_axis: Vec<Vec<DeviceId>>,
+    /// By device: axes whose models read it, with what each held before the last round of checks that passed.
+    held: Vec<Vec<(usize, ReturnTo)>>,
+    /// The same for the round that is under way.
+    held_in_round: Vec<Vec<(usize, ReturnTo)>>,
+    /// By device: the axes whose models read it.
+    read_by: Vec<Vec<usize>>,
+}
+
+impl Devices {
+    pub(super) fn new(profile: &Arc<Profile>, start: Moment) -> Devices {
+        let continuity = |device: &Device| DeviceContinuity::new(identity(device), device.every, start);
+        let devices = profile.devices.iter().map(continuity).collect();
+        let of_axis = (0..profile.axes.len()).map(|axis| devices_of(profile, AxisId(axis))).collect();
+        let reads = |axis: usize, id: DeviceId| inputs_of(profile, AxisId(axis)).any(|device| device == id);
+        let read_by = |id: usize| (0..profile.axes.len()).filter(|axis| reads(*axis, DeviceId(id))).collect();
+        let read_by: Vec<Vec<usize>> = (0..profile.devices.len()).map(read_by).collect();
+        let held = vec![Vec::new(); read_by.len()];
+        Devices { devices, of_axis, held_in_round: held.clone(), held, read_by }
+    }
+
+    pub(super) fn of(&self, device: DeviceId) -> &DeviceContinuity {
+        &self.devices[device.0]
+    }
+
+    /// Returns whether readings of the device are used and writes to it are sent.
+    pub(super) fn is_confirmed(&self, device: DeviceId) -> bool {
+        self.of(device).is_confirmed()
+    }
+
+    /// Returns whether the checks of the device have not been read since its last break.
+    pub(super) fn is_unconfirmed(&self, device: DeviceId) -> bool {
+        matches!(self.of(device).state(), Continuity::Unconfirmed { .. })
+    }
+
+    /// Returns what the checks of the device found, in one sentence, if they did not pass.
+    pub(super) fn changed(&self, device: DeviceId) -> Option<String> {
+        match self.of(device).state() {
+            Continuity::Changed(differences) => Some(sentence(differences)),
+            Continuity::Confirmed | Continuity::Unconfirmed { .. } => None,
+        }
+    }
+
+    /// Returns the state of the axis's devices: of the first that has changed, else of one that is unconfirmed.
+    pub(super) fn of_axis(&self, axis: usize) -> &Continuity {
+        let states = || self.of_axis[axis].iter().map(|device| self.of(*device).state());
+        let changed = states().find(|state| matches!(state, Continuity::Changed(_)));
+        let unconfirmed = || states().find(|state| matches!(state, Continuity::Unconfirmed { .. }));
+        changed.or_else(unconfirmed).unwrap_or(&Continuity::Confirmed)
+    }
+
+    /// The checks of a device are read now: notes what its axes hold.
+    pub(super) fn round_begins(
+        &mut self,
+        device: DeviceId,
+        compensation: &Compensation,
+        arming: &Noted<Arming>,
+    ) {
+        let holds = |axis: &usize| {
+            let decision = compensation.decision(*axis).filter(|_| arming[*axis].armed)?;
+            Some((*axis, ReturnTo { cz: decision.cz, slope: decision.slope }))
+        };
+        self.held_in_round[device.0] = self.read_by[device.0].iter().filter_map(holds).collect();
+    }
+
+    /// All checks of a device have passed since the round began: what its axes held then is what they go back to if its
+    /// settings are changed.
+    pub(super) fn round_passed(&mut self, device: DeviceId, arming: &mut Noted<Arming>) {
+        for axis in &self.read_by[device.0] {
+            if arming[*axis].return_to.is_some() && *self.of_axis(*axis) == Continuity::Confirmed {
+                arming[*axis].return_to = None;
+            }
+        }
+        let (of_device, in_round) = (&mut self.held[device.0], &mut self.held_in_round[device.0]);
+        // An axis that was armed meanwhile keeps what it held then.
+        of_device.retain(|(axis, _)| in_round.iter().all(|(other, _)| axis != other));
+        of_device.append(in_round);
+    }
+
+    /// Notes what an axis held when it was armed, for each device that its models read.
+    pub(super) fn armed(&mut self, axis: usize, held: ReturnTo) {
+        for (read_by, of_device) in self.read_by.iter().zip(&mut self.held) {
+            of_device.retain(|(known, _)| *known != axis);
+            of_device.extend(read_by.contains(&axis).then_some((axis, held)));
+        }
+    }
+
+    /// The settings of a device were changed since its checks passed last: its axes go back to what they held before.
+    pub(super) fn settings_changed(&self, device: DeviceId, arming: &mut Noted<Arming>) {
+        for (axis, held) in &self.held[device.0] {
+            if arming[*axis].armed {
+                arming[*axis].return_to = Some(*held);
+            }
+        }
+    }
+
+    /// Breaks the continuity of one device.
+    pub(super) fn breaks(&mut self, device: DeviceId, cause: Break, now: Moment) {
+        self.devices[device.0].breaks(cause, now);
+    }
+
+    /// Breaks the continuity of all devices.
+    pub(super) fn all_break(&mut self, cause: Break, now: Moment) {
+        self.devices.iter_mut().for_each(|device| device.breaks(cause, now));
+    }
+
+    /// Notes an answer of a device.
+    pub(super) fn answers(&mut self, device: DeviceId, now: Moment) {
+        self.devices[device.0].answers(now);
+    }
+
+    /// Notes a request that a device did not answer.
+    pub(super) fn misses(&mut self, device: DeviceId, now: Moment) {
+        self.devices[device.0].misses(now);
+    }
+
+    /// Takes the result of a device's checks. See [`DeviceContinuity::verified`].
+    pub(super) fn verified(
+        &mut self,
+        device: DeviceId,
+        after: u64,
+        differences: Vec<Difference>,
+    ) -> Option<Continuity> {
+        self.devices[device.0].verified(after, differences)
+    }
+}
+
+fn identity(device: &Device) -> Identity {
+    if device.is_checked() { Identity::Checks } else { Identity::None }
+}
+
+/// Returns the devices that any model of the axis reads, and those that its outputs write to.
+fn devices_of(profile: &Profile, axis: AxisId) -> Vec<DeviceId> {
+    let written = profile.outputs.iter().filter(|output| output.axis == axis).map(|output| output.device);
+    let mut devices: Vec<DeviceId> = inputs_of(profile, axis).chain(written).collect();
+    devices.sort_unstable();
+    devices.dedup();
+    devices
+}
+
+fn inputs_of(profile: &Profile, axis: AxisId) -> impl Iterator<Item = DeviceId> {
+    let inputs = profile.axis(axis).settings.models.iter().flat_map(Model::signals);
+    inputs.map(|signal| profile.signal(signal).device)
+}
