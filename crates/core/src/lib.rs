@@ -13,6 +13,7 @@
 //! - [`compensation`] — the first pure step: from a snapshot of readings to a decision per axis.
 //! - [`output`] — the second: from a decision, and what the register said, to what is sent next.
 //! - [`explained`] — cause and hint of a fault.
+//! - [`place`] — where outputs and signals lie, and what has changed of that since the last run.
 //! - [`display`] — the state of an axis as people see it, from its decision and the verified value.
 
 pub mod border;
@@ -21,5 +22,6 @@ pub mod compensation;
 pub mod display;
 pub mod explained;
 pub mod output;
+pub mod place;
 pub mod quantity;
 pub mod reading;
