@@ -6,9 +6,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::{Options, places};
 pub(super) use super::store::Kept;
 use super::store::{Content, Entries, Entry, Opened, WHAT, Writer, fits};
+use super::{Options, places};
 use crate::clock::Clock;
 use crate::observe::events::{Event, Journal};
 use isotherm_core::explained::Explained;

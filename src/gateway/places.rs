@@ -128,7 +128,9 @@ impl Places {
         let (Some(Moved { was, is, .. }), Some(now)) = (moved, self.outputs.get(output)) else {
             let held = held.unwrap_or_default();
             return Explained::new(
-                format!("output {output} is not in the profile any more; {held} of ours were verified in {place}"),
+                format!(
+                    "output {output} is not in the profile any more; {held} of ours were verified in {place}"
+                ),
                 "set that register to zero at the control if nothing else is to stay there, then arm the axis",
             );
         };

@@ -236,7 +236,9 @@ pub fn compare<P: Place>(
         };
         found.insert(name.clone(), result);
     }
-    found.extend(gone().filter(|(name, _)| !renamed.contains(*name)).map(|(name, _)| (name.clone(), Found::Removed)));
+    found.extend(
+        gone().filter(|(name, _)| !renamed.contains(*name)).map(|(name, _)| (name.clone(), Found::Removed)),
+    );
     found
 }
 
@@ -277,13 +279,16 @@ impl Former {
         let is_back = |former: &&Former| {
             profile.get(&former.output).is_some_and(|is| Moved::between(&former.place, is).is_none())
         };
-        let back: BTreeSet<String> = open.iter().filter(is_back).map(|former| former.output.clone()).collect();
+        let back: BTreeSet<String> =
+            open.iter().filter(is_back).map(|former| former.output.clone()).collect();
         let mut all = open;
         for (name, known) in remembered {
             let axes = match found.get(name) {
                 Some(Found::Moved(_)) if back.contains(name) => continue,
                 Some(Found::Moved(_)) => BTreeSet::new(),
-                Some(Found::Removed) if is_something(known.held_um) && !known.place.is_corrected_position() => {
+                Some(Found::Removed)
+                    if is_something(known.held_um) && !known.place.is_corrected_position() =>
+                {
                     axes_with_new_outputs(&known.place, &found, profile)
                 }
                 _ => continue,
@@ -332,8 +337,7 @@ fn axes_with_new_outputs(
 ) -> BTreeSet<String> {
     let has_its_axis = profile.values().any(|place| place.axis == removed.axis);
     let new = profile.iter().filter(|(name, _)| found.get(*name) == Some(&Found::Unknown));
-    let repeats =
-        |place: &&OutputPlace| !has_its_axis || place.axis == removed.axis || place.is_at(removed);
+    let repeats = |place: &&OutputPlace| !has_its_axis || place.axis == removed.axis || place.is_at(removed);
     new.map(|(_, place)| place).filter(repeats).map(|place| place.axis.clone()).collect()
 }
 

@@ -120,8 +120,10 @@ impl Position {
         let shared = turn.shared;
         let factor = cz_factor(&shared.profile, output);
         let target = self.encode(shared, output, position + cz.get() * factor / 1000.0);
+        // A Cz beyond a limit that is smaller than in the last run is walked back in steps.
+        let written = shared.core().outputs[self.id.0].cz.unwrap_or_default();
         if let Some(control) = &self.control
-            && let Err(why) = control.admit(target.registers(), cz, position, Micron::ZERO)
+            && let Err(why) = control.admit(target.registers(), cz, position, written)
         {
             report::not_sent(shared, self.id, why);
             return None;

@@ -160,11 +160,7 @@ fn share_in_text(register: &Register, share: Counts) -> String {
 }
 
 /// Reports what the register holds, if the place of its output is in doubt and this was the first read.
-pub(super) fn note_place(
-    (register, controller): (&Register, &Controller),
-    output: &Output,
-    core: &mut Core,
-) {
+pub(super) fn note_place((register, controller): (&Register, &Controller), output: &Output, core: &mut Core) {
     let shown = controller.state().shown(&register.settings);
     let Some(seen) = shown.verified.filter(|_| !shown.is_only_acknowledged) else { return };
     let holds = || register.units.in_text(seen.value);

@@ -132,20 +132,16 @@ fn what_was_captured_from_a_signal_that_lies_elsewhere_is_forgotten_with_its_lag
     let profile = lagging();
     let mut before = gateway(&profile, Remembered::default());
     run(&mut before, 0..1810, None);
-    let memory = Memory::new(
-        &profile,
-        Moment::default(),
-        before.remembered(),
-        BTreeMap::new(),
-        rest(&profile),
-    );
+    let memory =
+        Memory::new(&profile, Moment::default(), before.remembered(), BTreeMap::new(), rest(&profile));
     let saved = saved(memory);
     type Change = fn(&mut isotherm_profile::Signal);
     let changes: [Change; 3] = [
         |signal| signal.encoding.scale = isotherm_core::codec::Scale::of(0.2),
         |signal| signal.encoding.offset = 5.0,
         |signal| {
-            let register = isotherm_core::codec::Register { table: isotherm_core::codec::Table::Input, offset: 77 };
+            let register =
+                isotherm_core::codec::Register { table: isotherm_core::codec::Table::Input, offset: 77 };
             signal.address = register.into();
         },
     ];
@@ -171,5 +167,8 @@ fn what_was_captured_from_a_signal_that_lies_elsewhere_is_forgotten_with_its_lag
     let mut moved = profile.clone();
     moved.signals[0].encoding.offset = 5.0;
     let recalled = Memory::recall(Some(of_layout_5), &moved).unwrap();
-    assert!(recalled.moved.is_empty() && captured(&recalled, 0), "a state without places takes those of the profile");
+    assert!(
+        recalled.moved.is_empty() && captured(&recalled, 0),
+        "a state without places takes those of the profile"
+    );
 }

@@ -61,7 +61,8 @@ fn a_moved_output_bars_its_axis_until_a_person_confirms_and_its_first_read_is_re
     let barred = moves.barred(&after);
     assert_eq!(barred.iter().map(|(axis, _)| *axis).collect::<Vec<_>>(), [axis]);
     let why = &barred[0].1;
-    let was = format!("output {name} was scale {scale}, 20.0 µm of ours were verified there; it is scale -{scale}");
+    let was =
+        format!("output {name} was scale {scale}, 20.0 µm of ours were verified there; it is scale -{scale}");
     assert_eq!(why.cause, was);
     assert_eq!(kinds(&moves.events()), ["output-moved"]);
     let (event, why) = moves.read(OutputId(id), &name, || "-20.0 µm".to_owned()).unwrap();
@@ -77,7 +78,8 @@ fn a_moved_output_bars_its_axis_until_a_person_confirms_and_its_first_read_is_re
 fn what_is_left_in_a_position_counts_by_the_diameter_and_only_in_the_same_register() {
     let profile = grinder();
     let now = OutputPlace { diameter: false, ..of_output(&profile, &profile.outputs[0]) };
-    let before = |place: OutputPlace| Places { outputs: [("a".to_owned(), place)].into(), ..Places::default() };
+    let before =
+        |place: OutputPlace| Places { outputs: [("a".to_owned(), place)].into(), ..Places::default() };
     let wide = OutputPlace { diameter: true, ..now.clone() };
     let elsewhere = OutputPlace { unit: now.unit + 1, ..now.clone() };
     for (was, is, left) in [

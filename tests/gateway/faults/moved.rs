@@ -142,7 +142,9 @@ fn a_shared_register_that_becomes_the_gateways_alone_keeps_the_operators_offset_
             let told = told(trace, "output-moved");
             assert_eq!(told.len(), 2, "at the start, and with what the register holds: {told:#?}");
             let figures = [
-                format!("output cnc_z was share ledger, {share:.1} µm of ours were verified there; it is share whole"),
+                format!(
+                    "output cnc_z was share ledger, {share:.1} µm of ours were verified there; it is share whole"
+                ),
                 format!("its register holds {held:.1} µm now"),
             ];
             assert!(told[0].contains(&figures[0]), "{told:#?}");
@@ -192,7 +194,10 @@ fn another_register_receives_nothing_while_the_former_one_keeps_its_value_and_th
             assert!(left.contains("µm of ours were verified in holding:104 (40105) of unit 1 at"), "{left}");
             let moved = told(trace, "output-moved");
             assert!(moved[1].contains("output cnc_z was holding:104 (40105)"), "{moved:?}");
-            assert!(moved[1].contains("it is holding:106 (40107); its register holds 0.0 µm now"), "{moved:?}");
+            assert!(
+                moved[1].contains("it is holding:106 (40107); its register holds 0.0 µm now"),
+                "{moved:?}"
+            );
             let alarms = &trace.between(15, 16).next().unwrap().status.alarms;
             let is_raised = |id: &str| alarms.iter().any(|alarm| alarm.id == id);
             assert!(
@@ -262,7 +267,11 @@ fn a_profile_that_has_its_former_place_again_is_in_no_doubt() {
         "{}",
         back.lines()
     );
-    assert!(back.lines().contains(&format!("armed, starting from {:.1} µm", left(&traces[0]))), "{}", back.lines());
+    assert!(
+        back.lines().contains(&format!("armed, starting from {:.1} µm", left(&traces[0]))),
+        "{}",
+        back.lines()
+    );
 }
 
 #[test]
@@ -277,11 +286,17 @@ fn an_output_that_is_removed_is_named_with_its_value_and_a_new_one_does_not_repe
     assert_eq!(traces[1].reported("register-left"), 1, "{}", traces[1].lines());
     assert_eq!(traces[1].states_between(15, 50), ["active"], "the readout goes on\n{}", traces[1].lines());
     let directory = tempfile::tempdir().unwrap();
-    let all = vec![Run::of(BENCH), Run::of(renamed.clone()), Run::of(renamed.clone()), Run::of(renamed).armed()];
+    let all =
+        vec![Run::of(BENCH), Run::of(renamed.clone()), Run::of(renamed.clone()), Run::of(renamed).armed()];
     let traces = runs(directory.path(), &holds(0), all);
     for trace in &traces[1..3] {
         law::holds(trace);
-        assert_eq!((trace.writes("other").len(), trace.reported("register-left")), (0, 1), "{}", trace.lines());
+        assert_eq!(
+            (trace.writes("other").len(), trace.reported("register-left")),
+            (0, 1),
+            "{}",
+            trace.lines()
+        );
     }
     assert_eq!(traces[3].reported("place-confirmed"), 1, "{}", traces[3].lines());
     assert!(!traces[3].writes("other").is_empty());
@@ -304,8 +319,7 @@ fn the_reference_of_a_signal_that_has_moved_is_captured_again() {
     let traces = runs(directory.path(), &holds(0), all);
     for trace in &traces {
         law::holds(trace);
-        let raw: Vec<f64> =
-            trace.between(20, 59).filter_map(|sample| sample.status.axes[0].raw_um).collect();
+        let raw: Vec<f64> = trace.between(20, 59).filter_map(|sample| sample.status.axes[0].raw_um).collect();
         assert!(raw.len() > 30 && raw.iter().all(|raw| raw.abs() < 3.0), "{raw:?}\n{}", trace.lines());
         assert_eq!(trace.states_between(20, 59), ["active"], "{}", trace.lines());
     }
@@ -394,5 +408,10 @@ fn a_readout_of_which_no_state_is_accepted_begins_at_zero_and_that_is_an_event()
     law::holds(&again);
     assert_eq!(again.reported("position-from-zero"), 1, "{}", again.lines());
     let after = beside_the_position(&again);
-    assert!(after[0].1.abs() <= 0.2 && again.seconds(after[0].0) >= 20.0, "{:?}\n{}", after[0], again.lines());
+    assert!(
+        after[0].1.abs() <= 0.2 && again.seconds(after[0].0) >= 20.0,
+        "{:?}\n{}",
+        after[0],
+        again.lines()
+    );
 }

@@ -133,7 +133,8 @@ fn a_register_that_becomes_the_gateways_alone_waits_for_a_person() {
 
 #[test]
 fn another_scale_waits_for_a_person() {
-    let words = ["z: off: output cnc_z was scale 0.1, 5.0 µm of ours", "it is scale 0.2", "holds 10.0 µm now"];
+    let words =
+        ["z: off: output cnc_z was scale 0.1, 5.0 µm of ours", "it is scale 0.2", "holds 10.0 µm now"];
     let change = ("10\"\ntype = \"i16\"\nscale = 0.1", "10\"\ntype = \"i16\"\nscale = 0.2");
     waits_for_a_person(|text| text, change, &words);
 }

@@ -170,7 +170,10 @@ impl PositionTurn {
 impl PositionController {
     /// Controller that continues from the Cz that the run before this one wrote last. `None` if nothing is known of that.
     pub fn resuming(left: Option<Micron>) -> PositionController {
-        PositionController { inside: left.map_or(Inside::Nothing, Inside::Left), ..PositionController::default() }
+        PositionController {
+            inside: left.map_or(Inside::Nothing, Inside::Left),
+            ..PositionController::default()
+        }
     }
 
     /// Returns whether both decide alike about the next position.

@@ -55,7 +55,12 @@ fn each_part_of_an_output_that_changes_is_found_and_named() {
             "holding:104 (40105)",
             "holding:106 (40107)",
         ),
-        (|place| place.layout = "i32 lsw-first".into(), Part::Type, "type i32 msw-first", "type i32 lsw-first"),
+        (
+            |place| place.layout = "i32 lsw-first".into(),
+            Part::Type,
+            "type i32 msw-first",
+            "type i32 lsw-first",
+        ),
         (|place| place.scale = -0.1, Part::Scale, "scale 0.1", "scale -0.1"),
         (|place| place.bias = 32768, Part::Bias, "bias 0", "bias 32768"),
         (|place| place.share = Owner::Ledger, Part::Share, "share whole", "share ledger"),
@@ -77,7 +82,12 @@ fn each_part_of_a_signal_that_changes_is_found_and_named() {
     let rows: [(Change, Part, &str, &str); 6] = [
         (|place| place.bus = "/dev/ttyUSB0".into(), Part::Bus, "bus 10.0.0.8:502", "bus /dev/ttyUSB0"),
         (|place| place.unit = 4, Part::Unit, "unit 3", "unit 4"),
-        (|place| place.address = "input:1 (30002)".into(), Part::Address, "input:0 (30001)", "input:1 (30002)"),
+        (
+            |place| place.address = "input:1 (30002)".into(),
+            Part::Address,
+            "input:0 (30001)",
+            "input:1 (30002)",
+        ),
         (|place| place.layout = "u16".into(), Part::Type, "type i16", "type u16"),
         (|place| place.scale = 0.01, Part::Scale, "scale 0.1", "scale 0.01"),
         (|place| place.offset = -40.0, Part::Offset, "offset 0", "offset -40"),
@@ -171,11 +181,8 @@ fn a_corrected_position_continues_in_steps_with_another_axis_or_diameter_and_wai
         (OutputPlace { scale: 0.2, ..position.clone() }, Some(["z"])),
         (OutputPlace { unit: 2, ..position.clone() }, Some(["z"])),
     ] {
-        let found = after(
-            Vec::new(),
-            &known(&[("readout", &position, Some(20.0))]),
-            &named(&[("readout", &is)]),
-        );
+        let found =
+            after(Vec::new(), &known(&[("readout", &position, Some(20.0))]), &named(&[("readout", &is)]));
         let expected: Vec<_> = axes.iter().map(|axes| row("readout", axes, false)).collect();
         assert_eq!(found, expected, "{is:?}");
     }
@@ -196,7 +203,11 @@ fn a_removed_output_that_holds_something_is_named_and_bars_the_axes_of_new_outpu
         (named(&[("cnc_x", &x), ("other", &renamed_axis)]), &["w"][..], true),
         (named(&[("cnc_x", &x), ("other", &in_its_place)]), &["x"][..], false),
     ] {
-        assert_eq!(after(Vec::new(), &remembered(Some(20.0)), &now), [row("cnc_z", axes, is_left)], "{now:?}");
+        assert_eq!(
+            after(Vec::new(), &remembered(Some(20.0)), &now),
+            [row("cnc_z", axes, is_left)],
+            "{now:?}"
+        );
         for held in [Some(0.0), Some(-0.04), None] {
             assert_eq!(after(Vec::new(), &remembered(held), &now), none(), "{held:?}");
         }
