@@ -53,6 +53,7 @@ mod noted;
 mod output;
 mod panel;
 mod pause;
+mod places;
 mod poll;
 mod probing;
 mod rates;
@@ -88,7 +89,7 @@ pub use disk::{Disk, Files, make_directory};
 pub use handover::{
     Arrival, Handover, KeptProfile, Prepared, answer_of_check, digest_path, memory_for_profile,
 };
-pub use left::may_start;
+pub use left::{may_start, moved_since};
 pub use successor::{CHECK_ONLY, Checked, Program, Successor};
 pub use why::how_to_find_a_model;
 pub use wire_log::WireLog;
@@ -207,8 +208,9 @@ impl Gateway {
         if let Err(why) = &options.handover {
             journal.report(clock.now(), &Event::HandoverRefused { why: why.clone() });
         }
-        let Left { recalled, correction, opened } = Left::open(&options, &profile, (&journal, clock));
-        let remembers = |output: &str| recalled.verified.contains(output);
+        let left = Left::open(&options, &profile, (&journal, clock));
+        let Left { mut recalled, correction, opened, places, is_lost } = left;
+        let remembers = |output: &str| recalled.verified_um.contains_key(output);
         let (ledger, writer) = match opened {
             None => (Ledger::of_nothing(&profile, (&journal, clock)), None),
             Some(opened) => {
@@ -229,19 +231,24 @@ impl Gateway {
         let sleepers: Vec<Sleeper> = profile.buses.iter().map(|_| clock.join()).collect();
         let wakeups = sleepers.iter().map(Sleeper::wakeup).collect();
         let was_driven = |axis: usize| {
-            let of_axis = |output: &&Output| output.axis.0 == axis;
-            profile.outputs.iter().filter(of_axis).any(|output| recalled.verified.contains(&output.name))
+            let of_axis = |output: &&Output| output.axis.0 == axis && output.writes.is_cz();
+            profile.outputs.iter().filter(of_axis).any(|output| remembers(&output.name))
         };
         let was_driven = (0..profile.axes.len()).map(was_driven).collect();
         let core = |given| {
-            let mut core = Core::new(given, recalled.remembered, storage, clock.now());
+            let remembered = std::mem::take(&mut recalled.remembered);
+            let mut core = Core::new(given, remembered, storage, clock.now());
             core.was_driven = was_driven;
-            core.storage.signs = recalled.signs;
+            core.storage.signs = std::mem::take(&mut recalled.signs);
+            left::begin(&mut core, (places, is_lost), recalled);
             if let Ok(Some(handover)) = &options.handover {
                 handover.go_on(&mut core, clock.now());
             }
             if is_in_question {
                 (0..core.arming.len()).for_each(|axis| core.disarm(AxisId(axis), NOT_BELIEVED));
+            }
+            for (axis, why) in core.places.barred(&core.given.profile) {
+                core.disarm(axis, why);
             }
             core
         };
@@ -411,7 +418,8 @@ impl Gateway {
         let mut storage = std::mem::take(&mut core.storage);
         let now = self.shared.clock.now();
         storage.outputs.count_for_the_last_time(now);
-        storage.remember((now, true), &core.compensation, &self.shared.profile, core.outputs.states());
+        let of_profile = (&*self.shared.profile, &core.places.places);
+        storage.remember((now, true), &core.compensation, of_profile, core.outputs.states());
         let failed = core.failed;
         drop(core);
         // The disk is waited for elsewhere: the lines may still be polled here.

@@ -15,7 +15,7 @@ use crate::discovery::opcua;
 use crate::discovery::{can, pipeline, sysfs};
 #[cfg(feature = "opcua")]
 use crate::gateway::certificates;
-use crate::gateway::{control, templates};
+use crate::gateway::{control, moved_since, templates};
 use crate::observe::http::Admission;
 use isotherm_profile::Profile;
 use isotherm_profile::preview::{self, Preview};
@@ -34,7 +34,8 @@ pub(super) struct Arguments {
     /// and the servers of [[notify]], and publishes and posts nothing
     #[arg(long)]
     online: bool,
-    /// The state directory that the gateway is started with, for what a template was in its last run
+    /// The state directory that the gateway is started with, for what a template was in its last run and, with --online, where its
+    /// outputs and signals were
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
     /// One JSON document
@@ -73,10 +74,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     #[cfg(feature = "mqtt")]
     let broker = super::runtime()?.block_on(broker::look(&profile));
     let servers = notices::look(&profile)?;
+    let directory = known_directory(arguments.state.as_deref().or(profile.history.directory.as_deref()));
+    let moved = moved_since(&directory, &profile);
     let status = gauge::once(profile)?;
     if arguments.json {
         let document = serde_json::json!({
             "profile": preview, "online": status, "can": lines, "pipeline": pairs, "sensors": sensors, "notify": servers,
+            "moved": moved,
         });
         #[cfg(feature = "opcua")]
         let document = with(document, "nodes", &nodes)?;
@@ -106,6 +110,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         #[cfg(feature = "mqtt")]
         broker.iter().try_for_each(|looked| say!("{}", looked.line()))?;
         servers.iter().try_for_each(|looked| say!("{}", looked.line()))?;
+        moved.iter().try_for_each(|moved| say!("  warning: {moved}"))?;
         say_all!("{}{}", gauge::signals(&status), gauge::fieldbus(&status))?;
     }
     #[cfg(feature = "opcua")]

@@ -12,6 +12,7 @@ use super::lock::LockTimes;
 use super::noted::Noted;
 use super::output::{OutputState, Outputs, Standing};
 use super::pause::Pauses;
+use super::places::Moves;
 use super::probing::{Probing, acting, why_refused};
 use super::reported::Reported;
 use super::restart::Restarts;
@@ -53,6 +54,7 @@ pub(super) struct Core {
     pub(super) registers: Vec<Option<isotherm_core::output::Controller>>,
     pub(super) contact: Contact,
     pub(super) devices: Devices,
+    pub(super) places: Moves,
     pub(super) storage: Storage,
     pub(super) restarts: Restarts,
     /// By axis: when a change that it decided must have left at the latest.
@@ -100,6 +102,7 @@ impl Core {
             registers: vec![None; profile.outputs.len()],
             contact: Contact::new(profile),
             devices: Devices::new(profile, start),
+            places: Moves::default(),
             storage,
             restarts: Restarts::new(profile),
             not_after: vec![Moment::default(); profile.axes.len()],
@@ -197,7 +200,9 @@ impl Core {
         }
         self.disarm_tripped(profile);
         let has_learned = self.report_probings(profile, now);
-        self.storage.remember((now, has_learned), &self.compensation, profile, self.outputs.states());
+        let is_urgent = has_learned || self.moves_a_position();
+        let of_profile = (&**profile, &self.places.places);
+        self.storage.remember((now, is_urgent), &self.compensation, of_profile, self.outputs.states());
         if stepped.noticed.started {
             self.events.push(Event::MachineStarted);
         }
@@ -207,6 +212,21 @@ impl Core {
         self.report_signals(profile, now);
         self.report_axes(profile, now);
         true
+    }
+
+    /// Returns whether a corrected position is about to be more than one step away from what the state says of it.
+    fn moves_a_position(&self) -> bool {
+        let profile = &self.given.profile;
+        let is_about_to = |axis: usize| {
+            let Some(decision) = self.compensation.decision(axis) else { return false };
+            let step = profile.axes[axis].settings.guard.step;
+            self.outputs.ids(axis).iter().any(|id| {
+                let written =
+                    self.outputs[id.0].cz.filter(|_| profile.output(*id).writes.position().is_some());
+                written.is_some_and(|cz| !self.storage.is_within_a_step(*id, (cz, decision.cz), step))
+            })
+        };
+        (0..profile.axes.len()).any(is_about_to)
     }
 
     /// It is stopping, and its axes run their fault actions.
@@ -305,6 +325,13 @@ impl Core {
                         self.storage.answered();
                     }
                     self.events.push(Event::Armed { axis: name.clone(), from, way, who });
+                    if by_person && !self.given.dry_run {
+                        let confirmed = self.places.confirm(name);
+                        if !confirmed.is_empty() {
+                            self.storage.remember_soon();
+                        }
+                        self.events.extend(confirmed);
+                    }
                 }
                 Attempt::Refused(why) => {
                     if self.arming[axis].refusal.as_ref() != Some(&why) {

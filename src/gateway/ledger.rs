@@ -6,9 +6,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::Options;
 pub(super) use super::store::Kept;
 use super::store::{Content, Entries, Entry, Opened, WHAT, Writer, fits};
+use super::{Options, places};
 use crate::clock::Clock;
 use crate::observe::events::{Event, Journal};
 use isotherm_core::explained::Explained;
@@ -97,10 +97,8 @@ impl Ledger {
     pub(super) fn keep(&self, output: &Output, kept: output::Kept, is_needed: bool) -> Keeping {
         // A value that no register holds is none here either.
         let stood = kept.stood.filter(|counts| fits(*counts));
-        let entry = Entry {
-            register: register(&self.profile, output),
-            kept: output::Kept { stood, ..kept }.shifted(self.clock.shift()),
-        };
+        let kept = output::Kept { stood, ..kept }.shifted(self.clock.shift());
+        let entry = Entry::new(places::of_output(&self.profile, output), kept);
         match &self.writer {
             None if is_shared(output) => Keeping::Impossible,
             None => Keeping::Needless,
@@ -136,20 +134,21 @@ fn found(
 ) -> Entries {
     let mut found = Entries::new();
     for output in &profile.outputs {
-        let register = register(profile, output);
+        let (place, in_words) = (places::of_output(profile, output), in_words(profile, output));
         let in_question = |doubt| output::Kept::in_question(doubt);
-        let kept = match take(&mut before, profile, &output.name, &register) {
-            Some(entry) if entry.register == register && is_shared(output) && is_ours(output, &entry) => {
+        let is_of_it = |entry: &Entry| entry.is_of(&place, &in_words);
+        let kept = match take(&mut before, profile, &output.name, is_of_it) {
+            Some(entry) if is_of_it(&entry) && is_shared(output) && is_ours(output, &entry) => {
                 in_question(Doubt::Lost)
             }
-            Some(entry) if entry.register == register => entry.kept,
+            Some(entry) if is_of_it(&entry) => entry.kept,
             _ if !is_shared(output) => continue,
             _ if !is_readable => in_question(Doubt::Unreadable),
             Some(_) => in_question(Doubt::Elsewhere),
             None if remembers(&output.name) => in_question(Doubt::Lost),
             None => continue,
         };
-        found.insert(output.name.clone(), Entry { register, kept });
+        found.insert(output.name.clone(), Entry::new(place, kept));
     }
     found
 }
@@ -161,16 +160,21 @@ fn is_ours(output: &Output, entry: &Entry) -> bool {
 }
 
 /// By its name; an output that was given a new name goes on with what is known of its register.
-fn take(entries: &mut Entries, profile: &Profile, name: &str, register: &str) -> Option<Entry> {
+fn take(
+    entries: &mut Entries,
+    profile: &Profile,
+    name: &str,
+    is_of_it: impl Fn(&Entry) -> bool,
+) -> Option<Entry> {
     let is_nobodys = |known: &str| profile.outputs.iter().all(|output| output.name != known);
-    let former = |(known, entry): &(&String, &Entry)| is_nobodys(known) && entry.register == register;
+    let former = |(known, entry): &(&String, &Entry)| is_nobodys(known) && is_of_it(entry);
     let former = || entries.iter().find(former).map(|(known, _)| known.clone());
     let key = if entries.contains_key(name) { name.to_owned() } else { former()? };
     entries.remove(&key)
 }
 
-/// Register that the entry of an output must speak of to be its own.
-fn register(profile: &Profile, output: &Output) -> String {
+/// Register of an output as layout 5 has it in the place of its place.
+fn in_words(profile: &Profile, output: &Output) -> String {
     let encoding = &output.encoding;
     let device = &profile.device(output.device).name;
     format!(

@@ -1,15 +1,22 @@
 //! What a run before this one has left, and whether it is accepted.
 
+use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use super::Options;
+use super::core::Core;
 use super::log::outputs::ENDING;
 use super::memory::{Memory, Recalled};
+use super::places::{Moves, Places, why_forgotten};
 use super::storage::{keeping, newest_stamp, not_going_on};
-use super::store::{self, Opened, WHAT};
+use super::store::{self, Entries, Entry, Opened, WHAT};
 use crate::clock::{Clock, Correction};
 use crate::observe::events::{Event, Journal};
 use isotherm_core::compensation::Stop;
+use isotherm_core::output::Account;
+use isotherm_core::place::{KnownOutput, OutputPlace};
+use isotherm_core::quantity::Micron;
 use isotherm_profile::Profile;
 
 #[derive(Default)]
@@ -19,11 +26,17 @@ pub(super) struct Left {
     pub(super) correction: Option<Correction>,
     /// The store, if there is a directory for it.
     pub(super) opened: Option<Opened>,
+    /// Places of this profile, and what has changed of them.
+    pub(super) places: Places,
+    /// A state is there, and it is not accepted.
+    pub(super) is_lost: bool,
 }
 
 impl Left {
     pub(super) fn open(options: &Options, profile: &Profile, (journal, clock): (&Journal, &Clock)) -> Left {
-        let Some(directory) = options.directory.as_deref() else { return Left::default() };
+        let Some(directory) = options.directory.as_deref() else {
+            return Left { places: Places::of(profile), ..Left::default() };
+        };
         let (machine, now) = (&profile.name, clock.now());
         // Without threads there is no log.
         let is_log = |log: &keeping::DayLog| log.name.ends_with(ENDING);
@@ -41,14 +54,26 @@ impl Left {
         };
         // It is kept until there is a newer one.
         state.iter().for_each(|state| opened.file.set_state(state));
+        let mut is_lost = opened.found.is_err();
         let recalled = Memory::recall(state, profile).unwrap_or_else(|why| {
+            is_lost = true;
             opened.file.question().open();
             let why =
                 format!("{WHAT} in {} is not believed: {why}", store::path(directory, machine).display());
             journal.report(now, &Event::NotBelieved { why });
             Recalled::default()
         });
-        let mut left = Left { recalled, correction: None, opened: Some(opened) };
+        for (signal, moved) in &recalled.moved {
+            let (signal, why) = (signal.clone(), why_forgotten(signal, moved));
+            journal.report(now, &Event::ReferenceForgotten { signal, why });
+        }
+        let nothing = Entries::new();
+        let entries = match &opened.found {
+            Ok(Some(content)) => &content.outputs,
+            Ok(None) | Err(_) => &nothing,
+        };
+        let places = recalled.places.clone().after(profile, &outputs(&recalled, entries));
+        let mut left = Left { recalled, correction: None, opened: Some(opened), places, is_lost };
         left.correction = left.recalled.goes_on((directory, machine), (journal, clock));
         left
     }
@@ -77,6 +102,60 @@ impl Recalled {
         }
         correction
     }
+}
+
+/// Begins a run with the places of its profile and what the run before it left. `is_lost`: a state is there and is not accepted.
+pub(super) fn begin(core: &mut Core, (places, is_lost): (Places, bool), recalled: Recalled) {
+    let profile = Arc::clone(&core.given.profile);
+    for (place, output) in profile.outputs.iter().enumerate() {
+        if output.writes.position().is_none() {
+            continue;
+        }
+        let (name, last) = (&output.name, recalled.verified_um.get(&output.name));
+        let left = last.zip(places.outputs.get(name));
+        let left = left.and_then(|(last, now)| recalled.places.left_in_position(now, name, *last));
+        core.outputs[place].cz = left.and_then(Micron::new).or(is_lost.then_some(Micron::ZERO));
+        if is_lost {
+            core.events.push(Event::PositionFromZero { output: name.clone() });
+        }
+    }
+    core.storage.left_um = recalled.verified_um;
+    core.places = Moves::new(places, &profile);
+    core.storage.left_um.retain(|name, _| !core.places.is_in_doubt(name));
+    core.events.extend(core.places.events());
+}
+
+/// Outputs as a run left them.
+fn outputs(recalled: &Recalled, entries: &Entries) -> BTreeMap<String, KnownOutput> {
+    let of_entries = entries.iter().filter_map(|(name, entry)| Some((name, entry.place.as_ref()?)));
+    // The state has also the outputs to which nothing was written.
+    let all = of_entries.chain(&recalled.places.outputs);
+    let known = all.map(|(name, place)| {
+        let share = entries.get(name).and_then(|entry| share_um(entry, place));
+        let held_um = share.or(recalled.verified_um.get(name).copied());
+        (name.clone(), KnownOutput { place: place.clone(), held_um })
+    });
+    known.collect()
+}
+
+/// Cz of ours in a shared register as the ledger has it, µm. `None` if it does not say.
+fn share_um(entry: &Entry, place: &OutputPlace) -> Option<f64> {
+    let is_of_it = entry.place.as_ref().is_some_and(|known| known.is_same_register(place));
+    let Account { share, .. } = entry.kept.account.filter(|account| is_of_it && account.doubt.is_none())?;
+    #[allow(clippy::cast_precision_loss, reason = "no register holds 2^53 counts")]
+    let share = share.0 as f64;
+    Some(share * place.scale / if place.diameter { 2.0 } else { 1.0 })
+}
+
+/// Changes of the profile since the last run of a machine that are not confirmed, a sentence each. A state that cannot be read says
+/// nothing.
+pub fn moved_since(directory: &Path, profile: &Profile) -> Vec<String> {
+    let Some(content) = store::content(directory, &profile.name) else { return Vec::new() };
+    let Ok(mut recalled) = Memory::recall(content.state, profile) else { return Vec::new() };
+    let left = outputs(&recalled, &content.outputs);
+    let places = std::mem::take(&mut recalled.places).after(profile, &left);
+    let signals = recalled.moved.iter().map(|(signal, moved)| why_forgotten(signal, moved));
+    places.explain().into_iter().chain(signals).map(|why| why.to_string()).collect()
 }
 
 /// Whether a gateway may start with what lies in its directory.

@@ -3,15 +3,20 @@
 //!
 //! The [store](super::store) keeps it. If it does not accept a state, the gateway starts without one, and a person arms.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::places::Places;
 use super::sign::SignMemory;
 use super::store::{by_name, by_place};
 use isotherm_core::compensation::Remembered;
+use isotherm_core::compensation::settings::AxisSettings;
+use isotherm_core::place::Moved;
 use isotherm_core::quantity::{Moment, Shift, Shifted};
+use isotherm_core::reading::SignalId;
 use isotherm_profile::Profile;
 
 /// State at one moment.
@@ -23,6 +28,7 @@ pub(super) struct Memory {
     remembered: Remembered,
     verified_um: BTreeMap<String, f64>,
     signs: BTreeMap<String, SignMemory>,
+    places: Arc<Places>,
 }
 
 /// State as the document has it.
@@ -32,11 +38,14 @@ pub(super) struct SavedState {
     at: Moment,
     /// What the compensation remembers, by name.
     machine: Value,
-    /// Cz as last verified in each offset output, µm.
+    /// Cz as last verified in each offset output and as last written in each corrected position, µm.
     verified_um: BTreeMap<String, f64>,
     /// By axis: what is known of its sign.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     signs: BTreeMap<String, SignMemory>,
+    /// Places of signals and outputs. None in a document of layout 5.
+    #[serde(default)]
+    places: Places,
 }
 
 /// State that a run finds.
@@ -46,10 +55,14 @@ pub(super) struct Recalled {
     pub(super) remembered: Remembered,
     /// When it was kept.
     pub(super) at: Option<Moment>,
-    /// The outputs that an offset was verified in.
-    pub(super) verified: BTreeSet<String>,
+    /// Cz as last verified in each offset output and as last written in each corrected position, µm.
+    pub(super) verified_um: BTreeMap<String, f64>,
     /// By axis: what is known of its sign.
     pub(super) signs: BTreeMap<String, SignMemory>,
+    /// Places that signals and outputs had.
+    pub(super) places: Places,
+    /// Signals that have another place now, if something was captured from them. It is forgotten.
+    pub(super) moved: BTreeMap<String, Moved>,
 }
 
 impl Memory {
@@ -58,10 +71,10 @@ impl Memory {
         at: Moment,
         remembered: Remembered,
         verified_um: BTreeMap<String, f64>,
-        signs: BTreeMap<String, SignMemory>,
+        (signs, places): (BTreeMap<String, SignMemory>, Arc<Places>),
     ) -> Memory {
         let signals = profile.signals.iter().map(|signal| signal.name.clone()).collect();
-        Memory { at, signals, remembered, verified_um, signs }
+        Memory { at, signals, remembered, verified_um, signs, places }
     }
 
     /// The same as the computer's clock has it.
@@ -74,7 +87,8 @@ impl Memory {
     pub(super) fn saved(self) -> serde_json::Result<SavedState> {
         let mut machine = serde_json::to_value(&self.remembered)?;
         by_name(&mut machine, &self.signals);
-        Ok(SavedState { at: self.at, machine, verified_um: self.verified_um, signs: self.signs })
+        let places = Places::clone(&self.places);
+        Ok(SavedState { at: self.at, machine, verified_um: self.verified_um, signs: self.signs, places })
     }
 
     /// Reads what was saved, for the signals of this profile.
@@ -86,9 +100,15 @@ impl Memory {
         let read = serde_json::from_value(state).and_then(|mut state: SavedState| {
             let signals: Vec<&str> = profile.signals.iter().map(|signal| signal.name.as_str()).collect();
             by_place(&mut state.machine, &signals);
-            let remembered = serde_json::from_value(state.machine)?;
-            let verified = state.verified_um.into_keys().collect();
-            Ok(Recalled { remembered, at: Some(state.at), verified, signs: state.signs })
+            let mut remembered: Remembered = serde_json::from_value(state.machine)?;
+            let SavedState { at, verified_um, signs, places, .. } = state;
+            let mut moved = places.moved_signals(&Places::of(profile));
+            let axes: Vec<AxisSettings> = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
+            moved.retain(|name, _| {
+                let place = signals.iter().position(|signal| *signal == name.as_str());
+                place.is_some_and(|place| remembered.forget(SignalId(place), &axes))
+            });
+            Ok(Recalled { remembered, at: Some(at), verified_um, signs, places, moved })
         });
         read.map_err(|error| error.to_string())
     }

@@ -14,13 +14,14 @@ use super::log::Recorder;
 use super::log::outputs::ENDING;
 use super::memory::Memory;
 use super::output::OutputState;
+use super::places::{Places, remembers_cz};
 use super::sign::SignMemory;
 use super::store::Writer;
 use crate::clock::{Clock, Correction};
 use crate::observe::events::Journal;
 use isotherm_core::compensation::{Compensation, Control, Snapshot, Stop};
-use isotherm_core::quantity::{Moment, Shifted};
-use isotherm_profile::Profile;
+use isotherm_core::quantity::{Micron, Moment, Shifted};
+use isotherm_profile::{OutputId, Profile};
 
 mod events;
 pub(super) mod keeping;
@@ -55,6 +56,10 @@ pub(super) struct Storage {
     remembered: Option<Moment>,
     /// By axis: what is known of its sign.
     pub(super) signs: BTreeMap<String, SignMemory>,
+    /// Cz that the run before this one left in the outputs, µm. It is kept until an output is read.
+    pub(super) left_um: BTreeMap<String, f64>,
+    /// Cz of each output as it was handed to the writer last, in the order of the profile.
+    handed_over: Vec<Option<Micron>>,
     stamps: Stamps,
     /// The day and the file in which the rows of decisions stand.
     begun: Option<(Date, Stamped)>,
@@ -192,21 +197,41 @@ impl Storage {
         self.remembered = None;
     }
 
+    /// Returns whether the state that was handed over last knows this Cz of an output, or will still be within one step of it after the
+    /// next change. `written`: Cz that the output has. `decided`: Cz that it is to have.
+    pub(super) fn is_within_a_step(
+        &self,
+        id: OutputId,
+        (written, decided): (Micron, Micron),
+        step: Micron,
+    ) -> bool {
+        let known = self.handed_over.get(id.0).copied().flatten();
+        self.writer.is_none()
+            || known.is_some_and(|known| known == written || (decided - known).abs() <= step)
+    }
+
     /// Hands the state to its writer, if that is urgent or the last time was long enough ago.
     pub(super) fn remember(
         &mut self,
         (now, is_urgent): (Moment, bool),
         compensation: &Compensation,
-        profile: &Profile,
+        (profile, places): (&Profile, &Arc<Places>),
         outputs: &[OutputState],
     ) {
         let is_due = is_urgent || self.remembered.is_none_or(|last| now.since(last) >= REMEMBER_EVERY);
         let Some(writer) = self.writer.as_ref().filter(|_| is_due) else { return };
         self.remembered = Some(now);
-        let verified = profile.outputs.iter().zip(outputs).filter(|(output, _)| output.writes.is_cz());
-        let verified =
-            verified.filter_map(|(output, state)| Some((output.name.clone(), state.cz?.get()))).collect();
-        let memory = Memory::new(profile, now, compensation.remembered(), verified, self.signs.clone());
+        let verified = profile.outputs.iter().zip(outputs).filter(|(output, _)| remembers_cz(output.writes));
+        let left = |name: &String| self.left_um.get(name).copied();
+        let verified = verified.filter_map(|(output, state)| {
+            let cz = state.cz.map(Micron::get).or_else(|| left(&output.name))?;
+            Some((output.name.clone(), cz))
+        });
+        let verified = verified.collect();
+        self.handed_over.clear();
+        self.handed_over.extend(outputs.iter().map(|state| state.cz));
+        let rest = (self.signs.clone(), Arc::clone(places));
+        let memory = Memory::new(profile, now, compensation.remembered(), verified, rest);
         writer.remember(memory.stamped(self.stamps.of_the_clock()));
         let _ = self.hand_over(Job::Sync { at: now });
     }

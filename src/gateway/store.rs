@@ -1,12 +1,13 @@
 //! What a gateway keeps over a restart: one document, one number, one writer.
 //!
 //! ```text
-//! NAME.state.json    { "version": 5, "seal": {…, "number": 17, "named": 16}, "state": {…}, "outputs": {…} }
+//! NAME.state.json    { "version": 6, "seal": {…, "number": 17, "named": 16}, "state": {…}, "outputs": {…} }
 //! NAME.number        17 1795823557453364912 1c291ca3
 //! ```
 //!
-//! The state has the time since machine start, references and lags, by name of signal and axis. The outputs have what may
-//! still appear in a register, and the division of a shared one. The seal of the document:
+//! The state has the time since machine start, references and lags, by name of signal and axis, and the places of signals and
+//! outputs. The outputs have what may still appear in a register, and the division of a shared one. Layout 5 has no places. The
+//! seal of the document:
 //!
 //! - `checksum`: CRC-32 of every byte of the file, with its own digits as zeros.
 //! - `since`: when the first document of this machine was made here. A copy from elsewhere has another.
@@ -36,7 +37,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde_json::Value;
 
-use super::disk::{Disk, refuse_what_others_may_write};
+use super::disk::{Disk, Files, refuse_what_others_may_write};
 use crate::fieldbus::explain::system;
 use isotherm_core::explained::Cause;
 use isotherm_core::quantity::Moment;
@@ -103,6 +104,12 @@ struct Found {
 /// Path of the document.
 pub(super) fn path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.state.json"))
+}
+
+/// Content of a document as it is on disk now. `None` if there is none, or it is damaged. It is not compared with its number.
+pub(super) fn content(directory: &Path, machine: &str) -> Option<Content> {
+    let read = read(&Files, &path(directory, machine), |bytes| document::read(bytes, machine));
+    read.ok().flatten().map(|(_, content)| content)
 }
 
 /// Opens the memory of a machine. `has_logs`: a run has left its logs here.

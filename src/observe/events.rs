@@ -219,6 +219,21 @@ pub enum Event {
     FirstAccount { output: String, holds: String },
     /// What of a register is ours is not certain; a person has to say.
     LedgerDoubt { output: String, why: Explained },
+    /// An output has another place, scale or owner of its register than in the last run: its axis is off.
+    OutputMoved { output: String, why: Explained },
+    /// A value of ours was verified in a register that is no output's any more.
+    RegisterLeft {
+        output: String,
+        register: String,
+        #[serde(rename = "held_um")]
+        held: Micron,
+    },
+    /// A person has armed the axis and so confirmed the place of this output.
+    PlaceConfirmed { output: String },
+    /// A signal has another place than in the last run: what was captured from it is captured again.
+    ReferenceForgotten { signal: String, why: Explained },
+    /// No state says which Cz a corrected position had: it begins at zero.
+    PositionFromZero { output: String },
     /// The register was back at zero: the CNC was restarted.
     CncRestarted { output: String, expected: String },
     /// A device template is not as the last run had it.

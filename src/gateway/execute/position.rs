@@ -26,7 +26,7 @@ use isotherm_core::output::{
 };
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::SignalId;
-use isotherm_profile::{Arm, Output, OutputId, Profile, Shown, Stretch};
+use isotherm_profile::{Arm, Output, OutputId, Shown, Stretch};
 
 #[derive(Debug)]
 pub(in crate::gateway) struct Position {
@@ -40,12 +40,14 @@ pub(in crate::gateway) struct Position {
 }
 
 impl Position {
-    pub(in crate::gateway) fn new(profile: &Profile, id: OutputId, position: SignalId) -> Position {
+    /// Corrected position. It continues from the Cz that was written last, in this run or in the one before.
+    pub(in crate::gateway) fn new(shared: &LineHandle, id: OutputId, position: SignalId) -> Position {
+        let profile = &shared.profile;
         Position {
             id,
             position,
             control: profile.control_view(profile.output(id)),
-            controller: PositionController::default(),
+            controller: PositionController::resuming(shared.core().outputs[id.0].cz),
             failures: Failures::default(),
             is_saturated: false,
         }
@@ -118,8 +120,10 @@ impl Position {
         let shared = turn.shared;
         let factor = cz_factor(&shared.profile, output);
         let target = self.encode(shared, output, position + cz.get() * factor / 1000.0);
+        // A Cz beyond a limit that is smaller than in the last run is walked back in steps.
+        let written = shared.core().outputs[self.id.0].cz.unwrap_or_default();
         if let Some(control) = &self.control
-            && let Err(why) = control.admit(target.registers(), cz, position, Micron::ZERO)
+            && let Err(why) = control.admit(target.registers(), cz, position, written)
         {
             report::not_sent(shared, self.id, why);
             return None;

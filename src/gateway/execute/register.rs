@@ -246,6 +246,7 @@ impl Register {
         }
         let mut core = shared.core();
         let Some(cz) = report::show((self, controller), demand, &mut core.outputs[self.id.0]) else { return };
+        report::note_place((self, controller), output, &mut core);
         if core.outputs[self.id.0].standing == Standing::Verified && core.arming[output.axis.0].armed {
             let failures = std::mem::take(&mut core.outputs[self.id.0].failures);
             // Both are to end.

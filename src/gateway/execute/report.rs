@@ -3,6 +3,7 @@
 use super::demand::OutputDemand;
 use super::register::Register;
 use crate::clock::Clock;
+use crate::gateway::core::Core;
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::{OutputState, Standing};
 use crate::observe::events::Event;
@@ -156,6 +157,19 @@ pub(super) fn question((register, controller): (&Register, &Controller), output:
 
 fn share_in_text(register: &Register, share: Counts) -> String {
     register.units.in_text(share + register.settings.bias)
+}
+
+/// Reports what the register holds, if the place of its output is in doubt and this was the first read.
+pub(super) fn note_place((register, controller): (&Register, &Controller), output: &Output, core: &mut Core) {
+    let shown = controller.state().shown(&register.settings);
+    let Some(seen) = shown.verified.filter(|_| !shown.is_only_acknowledged) else { return };
+    let holds = || register.units.in_text(seen.value);
+    let Some((event, why)) = core.places.read(register.id, &output.name, holds) else { return };
+    core.events.push(event);
+    let arming = &mut core.arming[output.axis.0];
+    if arming.latched {
+        arming.why = why;
+    }
 }
 
 /// Something was sent that nobody answered, and that may still arrive.

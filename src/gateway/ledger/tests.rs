@@ -40,7 +40,7 @@ fn entries(profile: &Profile) -> Entries {
     assert!(promises.push(Promise { value: Counts(152), at: Moment::from_nanos(1), is_under_way: true }));
     let account = Some(Account { base: Counts(120), share: Counts(31), doubt: None });
     let kept = output::Kept { in_order: false, account, stood: Some(Counts(151)), promises };
-    let entry = |output: &Output| Entry { register: register(profile, output), kept };
+    let entry = |output: &Output| Entry::new(places::of_output(profile, output), kept);
     profile.outputs.iter().map(|output| (output.name.clone(), entry(output))).collect()
 }
 
@@ -150,4 +150,44 @@ fn what_is_known_goes_with_the_register_not_with_the_name() {
     profile.outputs[0].name.clone_from(&former);
     let elsewhere = found(directory.path(), &profile).0[&former].kept.account.unwrap();
     assert_eq!((elsewhere.doubt, elsewhere.share), (Some(Doubt::Elsewhere), Counts::ZERO));
+}
+
+#[test]
+fn an_entry_of_layout_5_is_known_by_its_register_in_words_and_taken_once() {
+    let profile = profile();
+    let of_layout_5 = |output: &Output, entry: &Entry| {
+        let register = Some(in_words(&profile, output));
+        Entry { place: None, register, ..entry.clone() }
+    };
+    let entries = entries(&profile);
+    let mut before: Entries = (profile.outputs.iter())
+        .map(|output| (output.name.clone(), of_layout_5(output, &entries[&output.name])))
+        .collect();
+    let text = serde_json::to_string(&before).unwrap();
+    assert!(text.contains("\"register\":\"holding:") && !text.contains("\"place\""), "{text}");
+    assert_eq!(super::found(&profile, before.clone(), true, |_| false), entries, "the places are added");
+    let first = &profile.outputs[0].name;
+    before.get_mut(first).unwrap().register = Some("holding:7 (40008) of cnc, i16 msw-first".to_owned());
+    let found = super::found(&profile, before, true, |_| false);
+    assert_eq!(found[first].kept.account.unwrap().doubt, Some(Doubt::Elsewhere));
+}
+
+#[test]
+fn a_register_of_another_bus_or_unit_is_another_one_and_another_name_of_its_device_is_none() {
+    let profile = profile();
+    let entries = entries(&profile);
+    let name = &profile.outputs[0].name;
+    let doubt = |changed: &Profile| {
+        super::found(changed, entries.clone(), true, |_| false)[name].kept.account.unwrap().doubt
+    };
+    let device = profile.outputs[0].device;
+    let mut renamed = profile.clone();
+    renamed.devices[device.0].name = "another".to_owned();
+    assert_eq!(doubt(&renamed), None);
+    let mut unit = profile.clone();
+    unit.devices[device.0].unit += 1;
+    assert_eq!(doubt(&unit), Some(Doubt::Elsewhere));
+    let mut bus = profile.clone();
+    bus.buses[profile.device(device).bus.0].address = "10.9.9.9:502".to_owned();
+    assert_eq!(doubt(&bus), Some(Doubt::Elsewhere));
 }

@@ -23,6 +23,11 @@ fn gateway(profile: &Profile, remembered: Remembered) -> Compensation {
     Compensation::new(profile.machine.clone(), axes, remembered)
 }
 
+/// No sign is known, and the signals have the places of this profile.
+fn rest(profile: &Profile) -> (BTreeMap<String, SignMemory>, Arc<Places>) {
+    (BTreeMap::new(), Arc::new(Places::of(profile)))
+}
+
 /// As it is found again at the next start.
 fn saved(memory: Memory) -> Value {
     let text = serde_json::to_string(&memory.saved().unwrap()).unwrap();
@@ -57,7 +62,7 @@ fn an_hour_off_differs_from_an_uninterrupted_run_by_no_more_than_a_count() {
     let mut before = gateway(&profile, Remembered::default());
     let last = *run(&mut before, 0..1810, Some(Micron::ZERO)).last().unwrap();
     let stopped = Moment::from_nanos(1_800_000_000_000);
-    let saved = saved(Memory::new(&profile, stopped, before.remembered(), BTreeMap::new(), BTreeMap::new()));
+    let saved = saved(Memory::new(&profile, stopped, before.remembered(), BTreeMap::new(), rest(&profile)));
     let recalled = Memory::recall(Some(saved), &profile).unwrap();
     assert_eq!(recalled.remembered, before.remembered());
 
@@ -78,7 +83,7 @@ fn a_lag_is_found_again_by_its_signals_name_when_the_list_has_changed() {
     let mut before = gateway(&profile, Remembered::default());
     run(&mut before, 0..1810, None);
     let stopped = Moment::from_nanos(1_800_000_000_000);
-    let saved = saved(Memory::new(&profile, stopped, before.remembered(), BTreeMap::new(), BTreeMap::new()));
+    let saved = saved(Memory::new(&profile, stopped, before.remembered(), BTreeMap::new(), rest(&profile)));
     let mut changed = profile.clone();
     changed.signals.swap(0, 1);
     for axis in &mut changed.axes {
@@ -98,7 +103,7 @@ fn references_are_kept_by_name_and_one_of_a_signal_that_is_gone_is_dropped_with_
     let mut before = gateway(&profile, Remembered::default());
     run(&mut before, 0..1810, None);
     let memory =
-        Memory::new(&profile, Moment::default(), before.remembered(), BTreeMap::new(), BTreeMap::new());
+        Memory::new(&profile, Moment::default(), before.remembered(), BTreeMap::new(), rest(&profile));
     let saved = saved(memory);
     let names = [&profile.signals[0].name, &profile.signals[1].name];
     assert!(
@@ -119,5 +124,51 @@ fn references_are_kept_by_name_and_one_of_a_signal_that_is_gone_is_dropped_with_
 #[test]
 fn without_a_file_nothing_is_remembered() {
     let recalled = Memory::recall(None, &sample::profile()).unwrap();
-    assert_eq!((recalled.remembered, recalled.verified.len()), (Remembered::default(), 0));
+    assert_eq!((recalled.remembered, recalled.verified_um.len()), (Remembered::default(), 0));
+}
+
+#[test]
+fn what_was_captured_from_a_signal_that_lies_elsewhere_is_forgotten_with_its_lag_and_nothing_else_is() {
+    let profile = lagging();
+    let mut before = gateway(&profile, Remembered::default());
+    run(&mut before, 0..1810, None);
+    let memory =
+        Memory::new(&profile, Moment::default(), before.remembered(), BTreeMap::new(), rest(&profile));
+    let saved = saved(memory);
+    type Change = fn(&mut isotherm_profile::Signal);
+    let changes: [Change; 3] = [
+        |signal| signal.encoding.scale = isotherm_core::codec::Scale::of(0.2),
+        |signal| signal.encoding.offset = 5.0,
+        |signal| {
+            let register =
+                isotherm_core::codec::Register { table: isotherm_core::codec::Table::Input, offset: 77 };
+            signal.address = register.into();
+        },
+    ];
+    let captured = |recalled: &Recalled, place| {
+        recalled.remembered.machine.captured(Reference::Start, SignalId(place)).is_some()
+    };
+    for change in changes {
+        let mut moved = profile.clone();
+        change(&mut moved.signals[0]);
+        let recalled = Memory::recall(Some(saved.clone()), &moved).unwrap();
+        assert_eq!(recalled.moved.keys().collect::<Vec<_>>(), [&profile.signals[0].name]);
+        assert!(!captured(&recalled, 0) && captured(&recalled, 1));
+        let again = serde_json::to_value(&recalled.remembered).unwrap();
+        assert_eq!(again["axes"][0]["lags"].as_array().unwrap().len(), 1, "{again}");
+        let mut after = gateway(&moved, recalled.remembered);
+        run(&mut after, 5400..6000, None);
+        assert!(after.machine().captured(Reference::Start, SignalId(0)).is_some(), "it is captured again");
+    }
+    let recalled = Memory::recall(Some(saved.clone()), &profile).unwrap();
+    assert!(recalled.moved.is_empty() && captured(&recalled, 0));
+    let mut of_layout_5 = saved;
+    of_layout_5.as_object_mut().unwrap().remove("places");
+    let mut moved = profile.clone();
+    moved.signals[0].encoding.offset = 5.0;
+    let recalled = Memory::recall(Some(of_layout_5), &moved).unwrap();
+    assert!(
+        recalled.moved.is_empty() && captured(&recalled, 0),
+        "a state without places takes those of the profile"
+    );
 }

@@ -36,7 +36,7 @@ pub(super) fn jobs(shared: &LineHandle, bus: BusId, start: Moment) -> Vec<Job> {
         .map(|id| {
             let position = profile.output(id).writes.position();
             let work = match position {
-                Some(position) => Work::Position(Box::new(Position::new(profile, id, position))),
+                Some(position) => Work::Position(Box::new(Position::new(shared, id, position))),
                 None => Work::Single(Box::new(Single::new(shared, id, start))),
             };
             let corrects = position.map(|position| profile.signal(position).device);

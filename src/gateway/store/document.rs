@@ -1,6 +1,5 @@
 //! Bytes of the document: version, seal, state and outputs, each output on a line of its own.
 
-use std::cmp::Ordering;
 use std::fmt;
 use std::io::{ErrorKind, Write};
 
@@ -13,7 +12,9 @@ use super::entry::{Entries, misfit};
 use isotherm_core::quantity::Moment;
 
 /// Layout that this program writes.
-pub(in crate::gateway) const VERSION: u32 = 5;
+pub(in crate::gateway) const VERSION: u32 = 6;
+/// Layout without places, which is read as well.
+const WITHOUT_PLACES: u32 = 5;
 /// CRC-32 as in Ethernet and gzip (ITU-T V.42).
 const CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
 /// Digits of the checksum while it is computed.
@@ -103,10 +104,10 @@ pub(in crate::gateway) fn render<'a>(
 pub(in crate::gateway) fn read(bytes: &[u8], machine: &str) -> Result<(Seal, Content), Unfit> {
     let Document { version, seal, state, outputs } = parse(bytes, VERSION)?;
     check(bytes, &seal.checksum, (&seal.machine, machine))?;
-    match version.cmp(&VERSION) {
-        Ordering::Less => return Err(Unfit::Earlier(version)),
-        Ordering::Greater => return Err(Unfit::Later(version)),
-        Ordering::Equal => {}
+    match version {
+        WITHOUT_PLACES..=VERSION => {}
+        ..WITHOUT_PLACES => return Err(Unfit::Earlier(version)),
+        _ => return Err(Unfit::Later(version)),
     }
     match misfit(&outputs) {
         Some(why) => Err(Unfit::Because(why)),

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use isotherm_core::output;
+use isotherm_core::place::OutputPlace;
 use isotherm_core::quantity::Counts;
 
 /// More counts than any register holds. An entry with more is not one of ours.
@@ -17,9 +18,28 @@ pub(in crate::gateway) type Entries = BTreeMap<String, Entry>;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::gateway) struct Entry {
-    /// Register, and what a count is worth there.
-    pub(in crate::gateway) register: String,
+    /// Place of the output. `None` in a document of layout 5 or earlier.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(in crate::gateway) place: Option<OutputPlace>,
+    /// Register in words, as layout 5 has it in the place of the place.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(in crate::gateway) register: Option<String>,
     pub(in crate::gateway) kept: output::Kept,
+}
+
+impl Entry {
+    /// Entry of an output that lies here.
+    pub(in crate::gateway) fn new(place: OutputPlace, kept: output::Kept) -> Entry {
+        Entry { place: Some(place), register: None, kept }
+    }
+
+    /// Returns whether its counts are of this register. `in_words`: the register as layout 5 has it.
+    pub(in crate::gateway) fn is_of(&self, place: &OutputPlace, in_words: &str) -> bool {
+        match (&self.place, &self.register) {
+            (Some(known), _) => known.is_same_register(place),
+            (None, known) => known.as_deref() == Some(in_words),
+        }
+    }
 }
 
 /// A clause about an entry that no register of ours can have.

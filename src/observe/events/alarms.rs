@@ -143,6 +143,11 @@ impl Event {
             Event::HeartbeatWritten { device, .. } => ends(&[("heartbeat at", device)]),
             Event::ForeignChange { output, .. } => raises("foreign write to", output),
             Event::Verified { output, .. } => ends(&[("output", output), ("foreign write to", output)]),
+            Event::OutputMoved { output, .. } => raises("place of output", output),
+            Event::RegisterLeft { output, .. } => raises("former register of output", output),
+            Event::PlaceConfirmed { output } => {
+                ends(&[("place of output", output), ("former register of output", output)])
+            }
             Event::LedgerDoubt { output, .. } | Event::FirstAccount { output, .. } => {
                 raises("ledger of", output)
             }

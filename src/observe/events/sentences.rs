@@ -314,6 +314,29 @@ impl Event {
                 format!("output {output}"),
                 why.clone().or_hint("make the register your own value, then arm the axis"),
             ),
+            Event::OutputMoved { why, .. } => error("output-moved", String::new(), why.clone()),
+            Event::RegisterLeft { output, register, held } => warning(
+                "register-left",
+                format!("output {output}"),
+                Explained::new(
+                    format!("{held} of ours were verified in {register}, which is no output's any more"),
+                    "set that register to zero at the control if nothing else is to stay there, then arm the axis",
+                ),
+            ),
+            Event::PlaceConfirmed { output } => {
+                info("place-confirmed", format!("output {output}: a person has confirmed its place"))
+            }
+            Event::ReferenceForgotten { why, .. } => {
+                warning("reference-forgotten", String::new(), why.clone())
+            }
+            Event::PositionFromZero { output } => warning(
+                "position-from-zero",
+                format!("output {output}"),
+                Explained::new(
+                    "no state says which Cz its corrected position had: it begins at Cz 0",
+                    "compare the position at the display with the scale before a part is made",
+                ),
+            ),
             Event::CncRestarted { output, expected } => warning(
                 "cnc-restarted",
                 format!("output {output}"),

@@ -75,6 +75,10 @@ fn troubles() -> Vec<Event> {
         Event::WaitsForLateWrite { output: name(), seconds: 30 },
         Event::FirstAccount { output: name(), holds: "3".into() },
         Event::LedgerDoubt { output: name(), why: "it holds 3".into() },
+        Event::OutputMoved { output: name(), why: Explained::new("it was there", "arm it") },
+        Event::RegisterLeft { output: name(), register: "holding:104".into(), held: um(20.0) },
+        Event::ReferenceForgotten { signal: name(), why: Explained::new("it was there", "measure a part") },
+        Event::PositionFromZero { output: name() },
         Event::CncRestarted { output: name(), expected: "3".into() },
         Event::TemplateChanged { template: name(), changes: "a key".into() },
         Event::CncBooted { device: name(), from: 1.0, to: 2.0 },
@@ -195,6 +199,7 @@ fn no_kind_of_trouble_is_missing_from_the_list() {
         "token-changed",
         "broker-up",
         "notify-back",
+        "place-confirmed",
     ];
     for kind in isotherm_profile::TRIGGERS {
         let is_built_in = cfg!(feature = "opcua") || !kind.starts_with("certificate");

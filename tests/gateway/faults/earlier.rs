@@ -73,7 +73,7 @@ fn what_an_earlier_version_left_is_taken_once_and_kept_beside() {
             assert_eq!(fs::read(here(beside)).unwrap(), fs::read(left(how).join(name)).unwrap());
         }
         assert!(!here("mixed.ledger.json").exists() && here("mixed.number").exists());
-        assert!(fs::read_to_string(here("mixed.state.json")).unwrap().starts_with("{ \"version\": 5,"));
+        assert!(fs::read_to_string(here("mixed.state.json")).unwrap().starts_with("{ \"version\": 6,"));
     }
 }
 

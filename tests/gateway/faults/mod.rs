@@ -16,6 +16,7 @@ mod law;
 mod ledger;
 mod load;
 mod logged;
+mod moved;
 mod outputs;
 mod probing;
 mod restarts;

@@ -108,6 +108,37 @@ fn an_axis_that_a_person_switched_off_stays_off() {
     assert_eq!((service.device.offset(), service.events("armed").len()), (50, 1));
 }
 
+/// Another profile takes over with this change, and no count is moved before a person arms.
+fn waits_for_a_person(before: impl FnOnce(String) -> String, change: (&str, &str), words: &[&str]) {
+    let service = Service::start(before);
+    service.walks_to(50);
+    changes(&service);
+    service.rewrite(|text| text.replacen(change.0, change.1, 1));
+    let (code, said) = service.restart(&[]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(words.iter().all(|word| said.contains(word)), "{words:?} in {said}");
+    service.device.asks(200);
+    std::thread::sleep(Duration::from_secs(1));
+    assert_eq!((changes(&service), service.device.offset()), (Vec::new(), 50), "{said}");
+    assert_eq!(service.events("armed").len(), 1);
+    assert_eq!(service.events("output-moved").len(), 2, "at the start and after the first read");
+}
+
+#[test]
+fn a_register_that_becomes_the_gateways_alone_waits_for_a_person() {
+    let shared = |text: String| text.replace("\"holding:10\"\n", "\"holding:10\"\nshare = \"ledger\"\n");
+    let words = ["z: off: output cnc_z was share ledger, 5.0 µm of ours", "holds 5.0 µm now"];
+    waits_for_a_person(shared, ("share = \"ledger\"\n", ""), &words);
+}
+
+#[test]
+fn another_scale_waits_for_a_person() {
+    let words =
+        ["z: off: output cnc_z was scale 0.1, 5.0 µm of ours", "it is scale 0.2", "holds 10.0 µm now"];
+    let change = ("10\"\ntype = \"i16\"\nscale = 0.1", "10\"\ntype = \"i16\"\nscale = 0.2");
+    waits_for_a_person(|text| text, change, &words);
+}
+
 #[test]
 fn a_profile_that_is_wrong_leaves_the_old_gateway_running_and_is_an_event() {
     let mut service = Service::start(|text| text);

@@ -217,11 +217,14 @@ impl Machine {
         is_distrusted: impl Fn(SignalId) -> bool,
     ) -> Noticed {
         let fresh = Capture { gathering: Some(Gathering::new(snapshot.now, settings)), ..Capture::default() };
-        // A signal that the profile gained since the machine started is captured from now on.
-        let unseen = if self.on_since.is_some() { fresh } else { Capture::default() };
         self.known.is_complete &= self.start.len() == settings.signals && self.zero.len() == settings.signals;
-        self.start.resize(settings.signals, unseen);
-        self.zero.resize(settings.signals, unseen);
+        self.start.resize(settings.signals, Capture::default());
+        self.zero.resize(settings.signals, Capture::default());
+        if self.on_since.is_some() && !self.known.is_complete {
+            // A signal that is new or forgotten since the machine started is captured from now on.
+            let all = self.start.iter_mut().chain(&mut self.zero);
+            all.filter(|capture| capture.is_nothing()).for_each(|capture| *capture = fresh);
+        }
         let started = self.begins_to_run(settings, snapshot);
         if started {
             (self.on_since, self.on_before, self.on_away) =
@@ -264,6 +267,17 @@ impl Machine {
             self.changed();
         }
         self.known.is_complete = !self.start.iter().chain(&self.zero).any(is_open);
+    }
+
+    /// Forgets what was captured from this signal. It is captured again from the next snapshot on. Returns whether anything was.
+    pub(super) fn forget(&mut self, signal: SignalId) -> bool {
+        let mut was_captured = false;
+        for capture in [&mut self.start, &mut self.zero].into_iter().filter_map(|all| all.get_mut(signal.0)) {
+            was_captured |= std::mem::take(capture).value.is_some();
+        }
+        self.known.is_complete = false;
+        self.changed();
+        was_captured
     }
 
     /// Captures the "zero" references from now on. The old ones serve until the new ones are complete.
@@ -310,6 +324,11 @@ impl Gathering {
 }
 
 impl Capture {
+    /// Returns whether nothing is captured and nothing is being gathered.
+    fn is_nothing(&self) -> bool {
+        self.value.is_none() && self.gathering.is_none()
+    }
+
     fn gather(&mut self, value: f64, now: Moment) {
         let Some(gathering) = &mut self.gathering else { return };
         // What is read when the time is over belongs to what follows, unless there is nothing else.

@@ -17,6 +17,7 @@ use super::reference::Machine;
 use super::settings::{AxisSettings, Datum};
 use super::stand_in::Watch;
 use crate::quantity::{Moment, Shift, Shifted, shifted};
+use crate::reading::SignalId;
 
 /// The memory of a machine.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -114,6 +115,30 @@ impl Remembered {
                 is_other.then_some((settings.name.as_str(), model.name.as_str()))
             })
         })
+    }
+
+    /// Forgets what was measured with this signal, because it is another sensor now, or counts otherwise: its references, its lags,
+    /// and the datum of the models that read it. All of that is captured again at the next start. Returns whether a model of these
+    /// axes reads the signal and something was captured.
+    pub fn forget(&mut self, signal: SignalId, axes: &[AxisSettings]) -> bool {
+        let was_captured = self.machine.forget(signal);
+        let mut is_used = false;
+        for settings in axes {
+            let reads = |model: &str| {
+                let model = settings.models.iter().find(|known| known.name == model);
+                model.is_some_and(|model| model.signals().contains(&signal))
+            };
+            is_used |= settings.models.iter().any(|model| reads(&model.name));
+            let Some(kept) = self.axes.iter_mut().find(|kept| kept.axis == settings.name) else { continue };
+            kept.lags.retain(|lag| lag.signal != signal.0);
+            kept.watches.retain(|watch| !reads(&watch.model));
+            if kept.datum.iter().any(|datum| reads(&datum.model)) {
+                // The datum of each model is of the same moment.
+                kept.datum.clear();
+                (kept.datum_until, kept.datum_at) = (Some(Moment::from_nanos(1)), None);
+            }
+        }
+        was_captured && is_used
     }
 
     /// Where an axis stood.

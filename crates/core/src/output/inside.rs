@@ -14,6 +14,8 @@ pub enum Inside {
     /// Nothing was written since the axis was armed.
     #[default]
     Nothing,
+    /// The run before this one wrote this Cz last.
+    Left(Micron),
     /// This Cz was written, after the decision of this moment.
     Written(Micron, Moment),
     /// This Cz was sent. Whether it arrived is not known.
@@ -27,7 +29,7 @@ impl Inside {
             Inside::Nothing => decided,
             Inside::Written(last, before) if before == at => last,
             Inside::Written(last, _) => next_inside(last, decided, target, step),
-            Inside::Sent(sent) => sent,
+            Inside::Left(same) | Inside::Sent(same) => same,
         }
     }
 }
@@ -85,6 +87,7 @@ mod tests {
         assert_eq!(next(Inside::Written(micron(2.0), one), one), micron(2.0));
         assert_eq!(next(Inside::Written(micron(2.0), one), two), micron(3.0));
         assert_eq!(next(Inside::Sent(micron(2.0)), two), micron(2.0));
+        assert_eq!(next(Inside::Left(micron(-20.0)), two), micron(-20.0));
     }
 
     #[test]

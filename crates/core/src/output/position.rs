@@ -168,6 +168,14 @@ impl PositionTurn {
 }
 
 impl PositionController {
+    /// Controller that continues from the Cz that the run before this one wrote last. `None` if nothing is known of that.
+    pub fn resuming(left: Option<Micron>) -> PositionController {
+        PositionController {
+            inside: left.map_or(Inside::Nothing, Inside::Left),
+            ..PositionController::default()
+        }
+    }
+
     /// Returns whether both decide alike about the next position.
     pub fn is_like(&self, other: &PositionController) -> bool {
         *self == PositionController { corrected: self.corrected, ..*other }
@@ -208,7 +216,11 @@ impl PositionController {
             return (PositionAction::Nothing, None);
         }
         let Some(PositionDecision { cz, target, at }) = demand.decision else {
-            (self.corrected, self.inside) = (demand.read_at, Inside::Nothing);
+            self.corrected = demand.read_at;
+            // An axis is off at first. What the run before this one left stays in the register.
+            if !matches!(self.inside, Inside::Left(_)) {
+                self.inside = Inside::Nothing;
+            }
             return (dashes.unwrap_or(PositionAction::Nothing), None);
         };
         if demand.backs_off {
@@ -328,6 +340,48 @@ mod tests {
         let mut second = demand(2);
         second.decision = second.decision.map(|decision| PositionDecision { cz: micron(8.0), ..decision });
         assert_eq!(next(&mut one, &second), PositionAction::Correct(micron(6.0)));
+    }
+
+    #[test]
+    fn after_a_restart_it_begins_with_what_was_written_last_and_goes_on_by_a_step_at_each_decision() {
+        let at = |at: u64, decided: f64| {
+            let decision = PositionDecision { cz: micron(decided), target: micron(10.0), at: second(at) };
+            PositionDemand { decision: Some(decision), ..demand(at) }
+        };
+        let mut one = PositionController::resuming(Some(micron(20.0)));
+        // The axis is off for a while.
+        for seconds in 1..=3 {
+            assert_eq!(
+                next(&mut one, &PositionDemand { decision: None, ..demand(seconds) }),
+                PositionAction::Nothing
+            );
+        }
+        let mut last = 20.0;
+        for seconds in 4..=20 {
+            let demand = at(seconds, 10.0);
+            let PositionAction::Correct(cz) = next(&mut one, &demand) else { panic!("{seconds}") };
+            assert!((cz.get() - last).abs() <= STEP + 1e-9, "{cz} after {last}");
+            assert!(seconds > 4 || (cz.get() - 20.0).abs() < 1e-9, "the first is the same: {cz}");
+            last = cz.get();
+            let action = PositionAction::Correct(cz);
+            one.result(
+                &PositionTurn { demand, action, result: Some(PositionResult::Written) },
+                demand.read_at,
+            );
+        }
+        assert!((last - 10.0).abs() < 1e-9, "{last}");
+        let mut unknown = PositionController::resuming(None);
+        assert_eq!(next(&mut unknown, &at(1, 3.0)), PositionAction::Correct(micron(3.0)));
+    }
+
+    #[test]
+    fn dashes_end_what_the_run_before_left() {
+        let mut one = PositionController::resuming(Some(micron(20.0)));
+        let off = PositionDemand { decision: None, may_show_dashes: true, ..demand(1) };
+        let action = next(&mut one, &off);
+        assert_eq!(action, PositionAction::ShowDashes);
+        one.result(&PositionTurn { demand: off, action, result: Some(PositionResult::Written) }, second(1));
+        assert_eq!(next(&mut one, &demand(2)), PositionAction::Correct(micron(5.0)));
     }
 
     #[test]

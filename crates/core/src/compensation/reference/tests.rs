@@ -208,3 +208,38 @@ fn a_signal_added_to_a_running_machine_gets_its_references_too() {
         assert_eq!(captured(&shown, reference, ON), Some(30.0));
     }
 }
+
+#[test]
+fn a_forgotten_signal_is_captured_again_and_the_others_keep_what_they_have() {
+    let mut shown = Shown::new(MachineSettings { on: None, zero: None, signals: 3, ..settings(0) });
+    shown.look(0, [20.0, 30.0, 40.0]);
+    shown.look(10, [21.0, 31.0, 41.0]);
+    // As after a restart: nothing of what saves looking at captures is on disk.
+    shown.machine = serde_json::from_str(&serde_json::to_string(&shown.machine).unwrap()).unwrap();
+    assert!(shown.machine.forget(BED), "it was captured");
+    assert!(!shown.machine.forget(BED), "nothing is left to forget");
+    for reference in [Start, Zero] {
+        assert_eq!(captured(&shown, reference, BED), None);
+    }
+    assert!(!shown.look(20, [26.0, 32.0, 42.0]).started, "the machine has not started again");
+    for reference in [Start, Zero] {
+        assert_eq!(captured(&shown, reference, BED), Some(26.0));
+        assert_eq!(captured(&shown, reference, ON), Some(30.0));
+    }
+}
+
+#[test]
+fn a_forgotten_signal_settles_like_any_other() {
+    let mut shown = Shown::new(MachineSettings { on: None, zero: None, signals: 1, ..settings(30) });
+    for (seconds, value) in [(0, 20.0), (30, 20.0)] {
+        shown.look(seconds, [value, 0.0, 0.0]);
+    }
+    assert_eq!(captured(&shown, Start, BED), Some(20.0));
+    shown.machine.forget(BED);
+    for (seconds, value) in [(100, 25.0), (110, 27.0)] {
+        shown.look(seconds, [value, 0.0, 0.0]);
+        assert_eq!(captured(&shown, Start, BED), None);
+    }
+    shown.look(130, [30.0, 0.0, 0.0]);
+    assert_eq!(captured(&shown, Start, BED), Some(26.0));
+}

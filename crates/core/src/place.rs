@@ -1,0 +1,349 @@
+//! Places of outputs and signals: where a value lies, and what a count of it is worth. The state has the places of the last run.
+//! [`compare`] compares them with those of the profile, and [`Former::after`] decides which axes wait for a person.
+//!
+//! A name is no place: the register of an output, its scale, or the channel of a sensor can change under the same name.
+//!
+//! | remembered under a name | in the profile | result |
+//! |---|---|---|
+//! | this place | this place | [`Found::Same`] |
+//! | nothing | this place, which another name had that is gone | [`Found::Same`] |
+//! | nothing | another place | [`Found::Unknown`] |
+//! | another place | this place | [`Found::Moved`] |
+//! | a place | nothing | [`Found::Removed`] |
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// Less than this is nothing in a register, µm.
+const NOTHING_UM: f64 = 0.05;
+
+/// Part of a place. A change of the first is the gravest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Part {
+    /// Address of the bus.
+    Bus,
+    /// Unit or node number of the device.
+    Unit,
+    /// Register, object, frame or node.
+    Address,
+    /// Type and order of the bytes.
+    Type,
+    /// Worth of a count.
+    Scale,
+    /// Number that is added to the raw count.
+    Bias,
+    /// Value of raw zero.
+    Offset,
+    /// Whose register it is.
+    Share,
+    /// What is written.
+    Writes,
+    /// The axis that it belongs to.
+    Axis,
+    /// Whether it counts a diameter.
+    Diameter,
+}
+
+impl Part {
+    /// Returns whether a corrected position can continue in steps after this has changed: it lies where it lay, and a count of it
+    /// is worth the same.
+    pub fn is_bridged_by_steps(self) -> bool {
+        matches!(self, Part::Axis | Part::Diameter)
+    }
+}
+
+/// A place that can be compared part by part.
+pub trait Place {
+    /// The parts in the order of [`Part`], each with its value for people. Two places are the same if all of them are.
+    fn parts(&self) -> Vec<(Part, String)>;
+}
+
+/// Whose register an output writes to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Owner {
+    /// All of it is the gateway's.
+    Whole,
+    /// It is the operator's. The gateway has a share of it, and a ledger says how much.
+    Ledger,
+}
+
+/// Place of an output.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OutputPlace {
+    /// Address of the bus.
+    pub bus: String,
+    /// Unit or node number of the device.
+    pub unit: u8,
+    /// Register, object, frame or node.
+    pub address: String,
+    /// Type and order of the bytes.
+    #[serde(rename = "type")]
+    pub layout: String,
+    /// Units per count.
+    pub scale: f64,
+    /// Added to the raw count.
+    pub bias: i64,
+    /// Whose register it is.
+    pub share: Owner,
+    /// What is written.
+    pub writes: String,
+    /// Axis that is written.
+    pub axis: String,
+    /// It counts a diameter: twice the Cz.
+    pub diameter: bool,
+}
+
+/// Place of a signal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SignalPlace {
+    /// Address of the bus.
+    pub bus: String,
+    /// Unit or node number of the device.
+    pub unit: u8,
+    /// Register, object, frame, node or sensor.
+    pub address: String,
+    /// Type and order of the bytes.
+    #[serde(rename = "type")]
+    pub layout: String,
+    /// Units per count.
+    pub scale: f64,
+    /// Value of raw zero.
+    pub offset: f64,
+}
+
+impl OutputPlace {
+    /// Returns whether the other one is the same register, in which a count is worth the same.
+    pub fn is_same_register(&self, other: &OutputPlace) -> bool {
+        let of = |place: &OutputPlace| {
+            let parts = place.parts().into_iter();
+            parts.filter(|(part, _)| *part <= Part::Bias).collect::<Vec<_>>()
+        };
+        of(self) == of(other)
+    }
+
+    /// Returns whether the other one lies in the same register, whatever a count is worth there.
+    pub fn is_at(&self, other: &OutputPlace) -> bool {
+        (&self.bus, self.unit, &self.address) == (&other.bus, other.unit, &other.address)
+    }
+
+    /// Returns whether a position with Cz is written, and written again with each position.
+    pub fn is_corrected_position(&self) -> bool {
+        self.writes == "corrected"
+    }
+}
+
+impl fmt::Display for OutputPlace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} of unit {} at {}", self.address, self.unit, self.bus)
+    }
+}
+
+impl Place for OutputPlace {
+    fn parts(&self) -> Vec<(Part, String)> {
+        let owner = match self.share {
+            Owner::Whole => "whole",
+            Owner::Ledger => "ledger",
+        };
+        vec![
+            (Part::Bus, format!("bus {}", self.bus)),
+            (Part::Unit, format!("unit {}", self.unit)),
+            (Part::Address, self.address.clone()),
+            (Part::Type, format!("type {}", self.layout)),
+            (Part::Scale, format!("scale {}", self.scale)),
+            (Part::Bias, format!("bias {}", self.bias)),
+            (Part::Share, format!("share {owner}")),
+            (Part::Writes, format!("writes {}", self.writes)),
+            (Part::Axis, format!("axis {}", self.axis)),
+            (Part::Diameter, (if self.diameter { "diameter" } else { "radius" }).to_owned()),
+        ]
+    }
+}
+
+impl Place for SignalPlace {
+    fn parts(&self) -> Vec<(Part, String)> {
+        vec![
+            (Part::Bus, format!("bus {}", self.bus)),
+            (Part::Unit, format!("unit {}", self.unit)),
+            (Part::Address, self.address.clone()),
+            (Part::Type, format!("type {}", self.layout)),
+            (Part::Scale, format!("scale {}", self.scale)),
+            (Part::Offset, format!("offset {}", self.offset)),
+        ]
+    }
+}
+
+/// Result of the comparison for one name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Found {
+    /// The place is the remembered one.
+    Same,
+    /// No place is remembered under this name.
+    Unknown,
+    /// Another place is remembered under this name.
+    Moved(Moved),
+    /// The name is not in the profile any more.
+    Removed,
+}
+
+/// Difference of two places.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Moved {
+    /// The gravest part that has changed.
+    pub what: Part,
+    /// All that has changed, as it was.
+    pub was: String,
+    /// All that has changed, as it is.
+    pub is: String,
+}
+
+impl Moved {
+    /// Compares two places. `None` if they are the same.
+    pub fn between(was: &impl Place, is: &impl Place) -> Option<Moved> {
+        let (was, is) = (was.parts(), is.parts());
+        let changed = || was.iter().zip(&is).filter(|(was, is)| was != is);
+        let text = |parts: Vec<&str>| parts.join(", ");
+        Some(Moved {
+            what: changed().next()?.0.0,
+            was: text(changed().map(|(was, _)| was.1.as_str()).collect()),
+            is: text(changed().map(|(_, is)| is.1.as_str()).collect()),
+        })
+    }
+}
+
+/// Compares the remembered places with those of the profile, by name.
+pub fn compare<P: Place>(
+    remembered: &BTreeMap<String, P>,
+    profile: &BTreeMap<String, P>,
+) -> BTreeMap<String, Found> {
+    let gone = || remembered.iter().filter(|(name, _)| !profile.contains_key(*name));
+    let mut renamed = BTreeSet::new();
+    let mut found = BTreeMap::new();
+    for (name, is) in profile {
+        let result = match remembered.get(name) {
+            Some(was) => Moved::between(was, is).map_or(Found::Same, Found::Moved),
+            None => match gone().find(|(_, was)| Moved::between(*was, is).is_none()) {
+                Some((former, _)) => {
+                    renamed.insert(former.clone());
+                    Found::Same
+                }
+                None => Found::Unknown,
+            },
+        };
+        found.insert(name.clone(), result);
+    }
+    found.extend(
+        gone().filter(|(name, _)| !renamed.contains(*name)).map(|(name, _)| (name.clone(), Found::Removed)),
+    );
+    found
+}
+
+/// An output as the last run left it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KnownOutput {
+    /// Its place.
+    pub place: OutputPlace,
+    /// Cz of ours in it as last verified, µm. `None` if that is not known.
+    pub held_um: Option<f64>,
+}
+
+/// Place that an output had before, until a person has confirmed the new one.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Former {
+    /// Name of the output.
+    pub output: String,
+    /// Its place.
+    pub place: OutputPlace,
+    /// Cz of ours in it as last verified, µm. `None` if that is not known.
+    pub held_um: Option<f64>,
+    /// The axes that are off until a person arms them.
+    pub axes: BTreeSet<String>,
+}
+
+impl Former {
+    /// Returns the former places after a start, with the axes that wait for a person: those of earlier starts that nobody has
+    /// confirmed (`open`), and those that the profile does not have any more.
+    pub fn after(
+        open: Vec<Former>,
+        remembered: &BTreeMap<String, KnownOutput>,
+        profile: &BTreeMap<String, OutputPlace>,
+    ) -> Vec<Former> {
+        let places = remembered.iter().map(|(name, known)| (name.clone(), known.place.clone())).collect();
+        let found = compare(&places, profile);
+        // An output that is back at a place that it had before has written nothing at the one between them.
+        let is_back = |former: &&Former| {
+            profile.get(&former.output).is_some_and(|is| Moved::between(&former.place, is).is_none())
+        };
+        let back: BTreeSet<String> =
+            open.iter().filter(is_back).map(|former| former.output.clone()).collect();
+        let mut all = open;
+        for (name, known) in remembered {
+            let axes = match found.get(name) {
+                Some(Found::Moved(_)) if back.contains(name) => continue,
+                Some(Found::Moved(_)) => BTreeSet::new(),
+                Some(Found::Removed)
+                    if is_something(known.held_um) && !known.place.is_corrected_position() =>
+                {
+                    axes_with_new_outputs(&known.place, &found, profile)
+                }
+                _ => continue,
+            };
+            let is_known = all.iter().any(|former| former.output == *name && former.place == known.place);
+            if !is_known {
+                let (output, KnownOutput { place, held_um }) = (name.clone(), known.clone());
+                all.push(Former { output, place, held_um, axes });
+            }
+        }
+        all.retain_mut(|former| former.is_open(profile));
+        all
+    }
+
+    /// Brings the axes up to this profile. Returns whether anything is left to confirm.
+    fn is_open(&mut self, profile: &BTreeMap<String, OutputPlace>) -> bool {
+        let Some(is) = profile.get(&self.output) else {
+            self.axes.retain(|axis| profile.values().any(|place| place.axis == *axis));
+            return is_something(self.held_um);
+        };
+        let Some(Moved { what, .. }) = Moved::between(&self.place, is) else { return false };
+        let is_bridged = is.is_corrected_position() && what.is_bridged_by_steps();
+        self.axes = BTreeSet::from([is.axis.clone()]);
+        !is_bridged
+    }
+
+    /// Returns whether a value of ours is in a register that is no output's any more.
+    pub fn is_left_behind(&self, profile: &BTreeMap<String, OutputPlace>) -> bool {
+        let is_ours = profile.values().any(|place| place.is_at(&self.place));
+        !is_ours && is_something(self.held_um) && !self.place.is_corrected_position()
+    }
+
+    /// A person has armed this axis, having seen what is reported of the place. Returns whether anything is left to confirm.
+    pub fn confirm(&mut self, axis: &str) -> bool {
+        self.axes.remove(axis);
+        !self.axes.is_empty()
+    }
+}
+
+/// Axes whose new outputs could do again what the removed output does: its own, any if its own is gone, and that of an output in
+/// the same register.
+fn axes_with_new_outputs(
+    removed: &OutputPlace,
+    found: &BTreeMap<String, Found>,
+    profile: &BTreeMap<String, OutputPlace>,
+) -> BTreeSet<String> {
+    let has_its_axis = profile.values().any(|place| place.axis == removed.axis);
+    let new = profile.iter().filter(|(name, _)| found.get(*name) == Some(&Found::Unknown));
+    let repeats = |place: &&OutputPlace| !has_its_axis || place.axis == removed.axis || place.is_at(removed);
+    new.map(|(_, place)| place).filter(repeats).map(|place| place.axis.clone()).collect()
+}
+
+fn is_something(um: Option<f64>) -> bool {
+    um.is_some_and(|um| um.abs() >= NOTHING_UM)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,247 @@
+use super::*;
+
+fn output() -> OutputPlace {
+    OutputPlace {
+        bus: "10.0.0.7:502".to_owned(),
+        unit: 1,
+        address: "holding:104 (40105)".to_owned(),
+        layout: "i32 msw-first".to_owned(),
+        scale: 0.1,
+        bias: 0,
+        share: Owner::Whole,
+        writes: "offset".to_owned(),
+        axis: "z".to_owned(),
+        diameter: false,
+    }
+}
+
+fn signal() -> SignalPlace {
+    SignalPlace {
+        bus: "10.0.0.8:502".to_owned(),
+        unit: 3,
+        address: "input:0 (30001)".to_owned(),
+        layout: "i16".to_owned(),
+        scale: 0.1,
+        offset: 0.0,
+    }
+}
+
+fn named<P: Clone>(all: &[(&str, &P)]) -> BTreeMap<String, P> {
+    all.iter().map(|(name, place)| ((*name).to_owned(), (*place).clone())).collect()
+}
+
+fn known(all: &[(&str, &OutputPlace, Option<f64>)]) -> BTreeMap<String, KnownOutput> {
+    let known = |place: &OutputPlace, held_um| KnownOutput { place: place.clone(), held_um };
+    all.iter().map(|(name, place, held_um)| ((*name).to_owned(), known(place, *held_um))).collect()
+}
+
+#[track_caller]
+fn moved(found: Option<&Found>) -> (Part, &str, &str) {
+    match found {
+        Some(Found::Moved(Moved { what, was, is })) => (*what, was, is),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn each_part_of_an_output_that_changes_is_found_and_named() {
+    type Change = fn(&mut OutputPlace);
+    let rows: [(Change, Part, &str, &str); 10] = [
+        (|place| place.bus = "10.0.0.9:502".into(), Part::Bus, "bus 10.0.0.7:502", "bus 10.0.0.9:502"),
+        (|place| place.unit = 2, Part::Unit, "unit 1", "unit 2"),
+        (
+            |place| place.address = "holding:106 (40107)".into(),
+            Part::Address,
+            "holding:104 (40105)",
+            "holding:106 (40107)",
+        ),
+        (
+            |place| place.layout = "i32 lsw-first".into(),
+            Part::Type,
+            "type i32 msw-first",
+            "type i32 lsw-first",
+        ),
+        (|place| place.scale = -0.1, Part::Scale, "scale 0.1", "scale -0.1"),
+        (|place| place.bias = 32768, Part::Bias, "bias 0", "bias 32768"),
+        (|place| place.share = Owner::Ledger, Part::Share, "share whole", "share ledger"),
+        (|place| place.writes = "intercept".into(), Part::Writes, "writes offset", "writes intercept"),
+        (|place| place.axis = "x".into(), Part::Axis, "axis z", "axis x"),
+        (|place| place.diameter = true, Part::Diameter, "radius", "diameter"),
+    ];
+    for (change, what, was, is) in rows {
+        let mut changed = output();
+        change(&mut changed);
+        let found = compare(&named(&[("cnc_z", &output())]), &named(&[("cnc_z", &changed)]));
+        assert_eq!(moved(found.get("cnc_z")), (what, was, is));
+    }
+}
+
+#[test]
+fn each_part_of_a_signal_that_changes_is_found_and_named() {
+    type Change = fn(&mut SignalPlace);
+    let rows: [(Change, Part, &str, &str); 6] = [
+        (|place| place.bus = "/dev/ttyUSB0".into(), Part::Bus, "bus 10.0.0.8:502", "bus /dev/ttyUSB0"),
+        (|place| place.unit = 4, Part::Unit, "unit 3", "unit 4"),
+        (
+            |place| place.address = "input:1 (30002)".into(),
+            Part::Address,
+            "input:0 (30001)",
+            "input:1 (30002)",
+        ),
+        (|place| place.layout = "u16".into(), Part::Type, "type i16", "type u16"),
+        (|place| place.scale = 0.01, Part::Scale, "scale 0.1", "scale 0.01"),
+        (|place| place.offset = -40.0, Part::Offset, "offset 0", "offset -40"),
+    ];
+    for (change, what, was, is) in rows {
+        let mut changed = signal();
+        change(&mut changed);
+        let found = compare(&named(&[("bed", &signal())]), &named(&[("bed", &changed)]));
+        assert_eq!(moved(found.get("bed")), (what, was, is));
+    }
+}
+
+#[test]
+fn several_changes_are_told_together_under_the_gravest() {
+    let changed = OutputPlace { unit: 2, scale: 0.2, diameter: true, ..output() };
+    let found = Moved::between(&output(), &changed).unwrap();
+    let Moved { what, was, is } = found;
+    assert_eq!(
+        (what, was.as_str(), is.as_str()),
+        (Part::Unit, "unit 1, scale 0.1, radius", "unit 2, scale 0.2, diameter")
+    );
+}
+
+#[test]
+fn the_same_place_a_new_one_a_renamed_one_and_one_that_is_gone() {
+    let other = OutputPlace { address: "holding:200 (40201)".into(), ..output() };
+    let remembered = named(&[("a", &output()), ("b", &other)]);
+    let now = named(&[("a", &output()), ("c", &other), ("d", &OutputPlace { unit: 9, ..output() })]);
+    let found = compare(&remembered, &now);
+    let of = |name: &str| found.get(name);
+    assert_eq!((of("a"), of("b")), (Some(&Found::Same), None), "b is called c now");
+    assert_eq!((of("c"), of("d")), (Some(&Found::Same), Some(&Found::Unknown)));
+    let found = compare(&remembered, &named(&[("a", &output())]));
+    assert_eq!(found.get("b"), Some(&Found::Removed));
+    let found = compare(&BTreeMap::new(), &now);
+    assert!(found.values().all(|found| *found == Found::Unknown), "a state without places takes those");
+}
+
+/// Former places after a start, as (output, its axes, left behind).
+fn after(
+    open: Vec<Former>,
+    remembered: &BTreeMap<String, KnownOutput>,
+    now: &BTreeMap<String, OutputPlace>,
+) -> Vec<(String, Vec<String>, bool)> {
+    let all = Former::after(open, remembered, now);
+    let row = |former: &Former| {
+        (former.output.clone(), former.axes.iter().cloned().collect(), former.is_left_behind(now))
+    };
+    all.iter().map(row).collect()
+}
+
+fn none() -> [(String, Vec<String>, bool); 0] {
+    []
+}
+
+fn row(output: &str, axes: &[&str], is_left: bool) -> (String, Vec<String>, bool) {
+    (output.to_owned(), axes.iter().map(|axis| (*axis).to_owned()).collect(), is_left)
+}
+
+#[test]
+fn an_axis_waits_for_a_person_when_its_output_lies_elsewhere_or_counts_otherwise() {
+    let elsewhere = OutputPlace { address: "holding:106 (40107)".into(), ..output() };
+    let scaled = OutputPlace { scale: -0.1, ..output() };
+    let shared = OutputPlace { share: Owner::Ledger, ..output() };
+    let wide = OutputPlace { diameter: true, ..output() };
+    let axis = OutputPlace { axis: "x".into(), ..output() };
+    for (is, axes, is_left) in [
+        (&elsewhere, &["z"][..], true),
+        (&scaled, &["z"][..], false),
+        (&shared, &["z"][..], false),
+        (&wide, &["z"][..], false),
+        (&axis, &["x"][..], false),
+    ] {
+        let now = named(&[("cnc_z", is)]);
+        let found = after(Vec::new(), &known(&[("cnc_z", &output(), Some(20.0))]), &now);
+        assert_eq!(found, [row("cnc_z", axes, is_left)], "{is:?}");
+        let found = after(Vec::new(), &known(&[("cnc_z", &output(), Some(0.0))]), &now);
+        assert_eq!(found, [row("cnc_z", axes, false)], "nothing of ours is left: {is:?}");
+    }
+    let now = named(&[("cnc_z", &output())]);
+    assert_eq!(after(Vec::new(), &known(&[("cnc_z", &output(), Some(20.0))]), &now), none());
+    assert_eq!(after(Vec::new(), &BTreeMap::new(), &now), none(), "nothing is remembered");
+}
+
+#[test]
+fn a_corrected_position_continues_in_steps_with_another_axis_or_diameter_and_waits_elsewhere() {
+    let position = OutputPlace { writes: "corrected".into(), ..output() };
+    for (is, axes) in [
+        (OutputPlace { diameter: true, ..position.clone() }, None),
+        (OutputPlace { axis: "w".into(), ..position.clone() }, None),
+        (OutputPlace { scale: 0.2, ..position.clone() }, Some(["z"])),
+        (OutputPlace { unit: 2, ..position.clone() }, Some(["z"])),
+    ] {
+        let found =
+            after(Vec::new(), &known(&[("readout", &position, Some(20.0))]), &named(&[("readout", &is)]));
+        let expected: Vec<_> = axes.iter().map(|axes| row("readout", axes, false)).collect();
+        assert_eq!(found, expected, "{is:?}");
+    }
+    let found = after(Vec::new(), &known(&[("readout", &position, Some(20.0))]), &BTreeMap::new());
+    assert_eq!(found, none(), "nothing of ours stays in a position that is not written");
+}
+
+#[test]
+fn a_removed_output_that_holds_something_is_named_and_bars_the_axes_of_new_outputs_that_repeat_it() {
+    let x = OutputPlace { address: "holding:200 (40201)".into(), axis: "x".into(), ..output() };
+    let new = OutputPlace { address: "holding:106 (40107)".into(), ..output() };
+    let renamed_axis = OutputPlace { axis: "w".into(), ..new.clone() };
+    let in_its_place = OutputPlace { axis: "x".into(), ..output() };
+    let remembered = |held| known(&[("cnc_z", &output(), held), ("cnc_x", &x, Some(3.0))]);
+    for (now, axes, is_left) in [
+        (named(&[("cnc_x", &x)]), &[][..], true),
+        (named(&[("cnc_x", &x), ("other", &new)]), &["z"][..], true),
+        (named(&[("cnc_x", &x), ("other", &renamed_axis)]), &["w"][..], true),
+        (named(&[("cnc_x", &x), ("other", &in_its_place)]), &["x"][..], false),
+    ] {
+        assert_eq!(
+            after(Vec::new(), &remembered(Some(20.0)), &now),
+            [row("cnc_z", axes, is_left)],
+            "{now:?}"
+        );
+        for held in [Some(0.0), Some(-0.04), None] {
+            assert_eq!(after(Vec::new(), &remembered(held), &now), none(), "{held:?}");
+        }
+    }
+}
+
+#[test]
+fn what_no_person_has_confirmed_is_open_over_any_number_of_starts_and_ends_with_a_person_or_the_old_place() {
+    let elsewhere = OutputPlace { address: "holding:106 (40107)".into(), ..output() };
+    let now = named(&[("cnc_z", &elsewhere)]);
+    let mut open = Former::after(Vec::new(), &known(&[("cnc_z", &output(), Some(20.0))]), &now);
+    for _ in 0..3 {
+        open = Former::after(open, &known(&[("cnc_z", &elsewhere, Some(0.0))]), &now);
+        assert_eq!(open.len(), 1);
+        assert_eq!(open[0].held_um, Some(20.0));
+    }
+    let saved: Vec<Former> = serde_json::from_str(&serde_json::to_string(&open).unwrap()).unwrap();
+    assert_eq!(saved, open, "every digit survives the disk");
+    let back = named(&[("cnc_z", &output())]);
+    assert_eq!(
+        after(open.clone(), &known(&[("cnc_z", &elsewhere, Some(0.0))]), &back),
+        none(),
+        "it is back, and nothing was written between"
+    );
+    let mut former = open.remove(0);
+    assert!(former.confirm("x"), "another axis says nothing");
+    assert!(!former.confirm("z"));
+}
+
+#[test]
+fn a_register_is_the_same_whatever_the_axis_and_the_share_are() {
+    let same = OutputPlace { axis: "x".into(), share: Owner::Ledger, diameter: true, ..output() };
+    assert!(output().is_same_register(&same) && output().is_at(&same));
+    let scaled = OutputPlace { scale: 0.2, ..output() };
+    assert!(!output().is_same_register(&scaled) && output().is_at(&scaled));
+    assert!(!output().is_at(&OutputPlace { bus: "10.0.0.8:502".into(), ..output() }));
+}

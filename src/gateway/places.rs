@@ -1,0 +1,247 @@
+//! Places of the outputs and signals of a profile: what is saved of them, which axes wait for a person because of them, and what
+//! is reported. [`isotherm_core::place`] decides.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::observe::events::Event;
+use isotherm_core::codec::Encoding;
+use isotherm_core::explained::Explained;
+use isotherm_core::place::{self, Former, Found, KnownOutput, Moved, OutputPlace, Owner, SignalPlace};
+use isotherm_core::quantity::Micron;
+use isotherm_profile::{AxisId, DeviceId, Output, OutputId, Profile, Share, Signal, Writes};
+
+/// Places as they are saved.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Places {
+    /// By name of the output.
+    pub(super) outputs: BTreeMap<String, OutputPlace>,
+    /// By name of the signal.
+    pub(super) signals: BTreeMap<String, SignalPlace>,
+    /// Those that outputs had before, and that nobody has confirmed.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    former: Vec<Former>,
+}
+
+/// Places of this run and what is reported of the former ones.
+#[derive(Debug, Default)]
+pub(super) struct Moves {
+    pub(super) places: Arc<Places>,
+    /// Outputs that have another place, and whose register was not read since the start.
+    unread: Vec<OutputId>,
+}
+
+/// Place of an output of the profile.
+pub(super) fn of_output(profile: &Profile, output: &Output) -> OutputPlace {
+    let ((bus, unit), axis) = (line(profile, output.device), profile.axis(output.axis));
+    OutputPlace {
+        bus,
+        unit,
+        address: output.address.to_string(),
+        layout: layout(&output.encoding),
+        scale: output.encoding.scale.get(),
+        bias: output.encoding.bias,
+        share: match output.share {
+            Share::Whole => Owner::Whole,
+            Share::Ledger => Owner::Ledger,
+        },
+        writes: output.writes.name().to_owned(),
+        axis: axis.settings.name.clone(),
+        diameter: axis.diameter,
+    }
+}
+
+fn of_signal(profile: &Profile, signal: &Signal) -> SignalPlace {
+    let (bus, unit) = line(profile, signal.device);
+    SignalPlace {
+        bus,
+        unit,
+        address: signal.address.to_string(),
+        layout: layout(&signal.encoding),
+        scale: signal.encoding.scale.get(),
+        offset: signal.encoding.offset,
+    }
+}
+
+/// Address of the bus and unit of a device.
+fn line(profile: &Profile, device: DeviceId) -> (String, u8) {
+    let device = profile.devices.get(device.0);
+    let bus = device.and_then(|device| profile.buses.get(device.bus.0));
+    (bus.map_or(String::new(), |bus| bus.address.clone()), device.map_or(0, |device| device.unit))
+}
+
+/// Type and order of the bytes.
+fn layout(encoding: &Encoding) -> String {
+    let name = encoding.data_type.name();
+    let order = match encoding.data_type.registers() {
+        1 => String::new(),
+        _ => format!(" {}", encoding.word_order),
+    };
+    format!("{name}{order}{}", if encoding.byte_swap { " byte-swapped" } else { "" })
+}
+
+impl Places {
+    /// Places of a profile. Nothing is known of former ones.
+    pub(super) fn of(profile: &Profile) -> Places {
+        let outputs = profile.outputs.iter().map(|output| (output.name.clone(), of_output(profile, output)));
+        let signals = profile.signals.iter().map(|signal| (signal.name.clone(), of_signal(profile, signal)));
+        Places { outputs: outputs.collect(), signals: signals.collect(), former: Vec::new() }
+    }
+
+    /// Signals that have another place in this profile.
+    pub(super) fn moved_signals(&self, now: &Places) -> BTreeMap<String, Moved> {
+        let found = place::compare(&self.signals, &now.signals).into_iter();
+        let moved = found.filter_map(|(name, found)| match found {
+            Found::Moved(moved) => Some((name, moved)),
+            Found::Same | Found::Unknown | Found::Removed => None,
+        });
+        moved.collect()
+    }
+
+    /// Places of this profile after a run that left these outputs and knew former places.
+    pub(super) fn after(self, profile: &Profile, left: &BTreeMap<String, KnownOutput>) -> Places {
+        let now = Places::of(profile);
+        let former = Former::after(self.former, left, &now.outputs);
+        Places { former, ..now }
+    }
+
+    /// Cz that a corrected position had last, in µm of the axis that it has now. `None` if its place does not tell.
+    pub(super) fn left_in_position(&self, now: &OutputPlace, name: &str, last_um: f64) -> Option<f64> {
+        let factor = |place: &OutputPlace| if place.diameter { 2.0 } else { 1.0 };
+        let was = self.outputs.get(name)?;
+        was.is_same_register(now).then_some(last_um * factor(was) / factor(now))
+    }
+
+    /// What was moved or removed and is not confirmed, for people who look at a profile beside the state of a stopped machine.
+    pub(super) fn explain(&self) -> Vec<Explained> {
+        self.former.iter().map(|former| self.explained(former, None)).collect()
+    }
+
+    /// Explains why a former place is in doubt. `holds`: value in the register of the output now.
+    fn explained(&self, former: &Former, holds: Option<&str>) -> Explained {
+        let Former { output, place, held_um, .. } = former;
+        let held = held_um.map(|um| format!("{um:.1} µm"));
+        let moved = self.outputs.get(output).and_then(|is| Moved::between(place, is));
+        let (Some(Moved { was, is, .. }), Some(now)) = (moved, self.outputs.get(output)) else {
+            let held = held.unwrap_or_default();
+            return Explained::new(
+                format!(
+                    "output {output} is not in the profile any more; {held} of ours were verified in {place}"
+                ),
+                "set that register to zero at the control if nothing else is to stay there, then arm the axis",
+            );
+        };
+        let held = held.map_or("what it held is not known".to_owned(), |held| {
+            format!("{held} of ours were verified there")
+        });
+        let holds = holds.map_or(String::new(), |holds| format!("; its register holds {holds} now"));
+        let hint = match (place.share, now.share) {
+            (Owner::Ledger, Owner::Whole) => {
+                "arming makes all that the register holds the gateway's, also what the operator has there; to keep that, write \
+                 share = \"ledger\" again"
+            }
+            _ => {
+                "compare both at the control, set what is not to stay to zero there, then arm the axis; or write the former \
+                 place again"
+            }
+        };
+        Explained::new(format!("output {output} was {was}, {held}; it is {is}{holds}"), hint)
+    }
+}
+
+impl Moves {
+    pub(super) fn new(places: Places, profile: &Profile) -> Moves {
+        let is_moved = |name: &str| places.former.iter().any(|former| former.output == name);
+        let outputs = profile.outputs.iter().enumerate();
+        let unread = outputs.filter(|(_, output)| is_moved(&output.name) && output.writes.is_scheduled());
+        Moves { unread: unread.map(|(place, _)| OutputId(place)).collect(), places: Arc::new(places) }
+    }
+
+    /// Axes that wait for a person, each with the reason.
+    pub(super) fn barred(&self, profile: &Profile) -> Vec<(AxisId, Explained)> {
+        let axes = profile.axes.iter().enumerate();
+        let barred = axes.filter_map(|(place, axis)| {
+            let of_axis = |former: &&Former| former.axes.contains(&axis.settings.name);
+            let former = self.places.former.iter().find(of_axis)?;
+            Some((AxisId(place), self.places.explained(former, None)))
+        });
+        barred.collect()
+    }
+
+    /// Returns whether this output had another place that is not confirmed.
+    pub(super) fn is_in_doubt(&self, output: &str) -> bool {
+        self.places.former.iter().any(|former| former.output == output)
+    }
+
+    /// Events of a start.
+    pub(super) fn events(&self) -> Vec<Event> {
+        let mut events = Vec::new();
+        for former in &self.places.former {
+            events.extend(self.moved(former, None));
+            if former.is_left_behind(&self.places.outputs) {
+                let register = former.place.to_string();
+                let held = former.held_um.and_then(Micron::new).unwrap_or_default();
+                events.push(Event::RegisterLeft { output: former.output.clone(), register, held });
+            }
+        }
+        events
+    }
+
+    fn moved(&self, former: &Former, holds: Option<&str>) -> Option<Event> {
+        let output = former.output.clone();
+        self.places.outputs.get(&output)?;
+        Some(Event::OutputMoved { output, why: self.places.explained(former, holds) })
+    }
+
+    /// The register of an output was read. Returns what to report of it, and why its axis waits, if its place is in doubt and this
+    /// is the first read.
+    pub(super) fn read(
+        &mut self,
+        id: OutputId,
+        name: &str,
+        holds: impl FnOnce() -> String,
+    ) -> Option<(Event, Explained)> {
+        let place = self.unread.iter().position(|unread| *unread == id)?;
+        self.unread.swap_remove(place);
+        let (former, holds) = (self.places.former.iter().find(|former| former.output == name)?, holds());
+        Some((self.moved(former, Some(&holds))?, self.places.explained(former, Some(&holds))))
+    }
+
+    /// A person has armed an axis, having seen what is reported of its outputs: their places are confirmed.
+    pub(super) fn confirm(&mut self, axis: &str) -> Vec<Event> {
+        if self.places.former.is_empty() {
+            return Vec::new();
+        }
+        let mut confirmed = Vec::new();
+        Arc::make_mut(&mut self.places).former.retain_mut(|former| {
+            let is_open = former.confirm(axis);
+            if !is_open {
+                confirmed.push(former.output.clone());
+            }
+            is_open
+        });
+        let is_over = |output: &String| self.places.former.iter().all(|former| former.output != *output);
+        confirmed.retain(is_over);
+        confirmed.dedup();
+        confirmed.into_iter().map(|output| Event::PlaceConfirmed { output }).collect()
+    }
+}
+
+/// Explains why what was captured from a signal is not used.
+pub(super) fn why_forgotten(signal: &str, Moved { was, is, .. }: &Moved) -> Explained {
+    Explained::new(
+        format!("signal {signal} was {was}, it is {is}; what was captured from it is not used"),
+        "it is captured again from now on; measure a part, or write the former place again",
+    )
+}
+
+/// Returns whether the Cz inside an output is remembered over a restart.
+pub(super) fn remembers_cz(writes: Writes) -> bool {
+    writes.is_cz() || writes.position().is_some()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,94 @@
+use std::path::Path;
+
+use super::*;
+use isotherm_core::codec::Scale;
+
+fn grinder() -> Profile {
+    let text = include_str!("../../../profiles/surface-grinder.toml");
+    isotherm_profile::parse(Path::new("grinder.toml"), text, &[], &[]).unwrap().profile
+}
+
+/// Places after a start with the second profile, when the first one had left so much in each output.
+fn started(before: &Profile, after: &Profile, held_um: Option<f64>) -> Moves {
+    let places = Places::of(before);
+    let left = places.outputs.iter().map(|(name, place)| {
+        let known = KnownOutput { place: place.clone(), held_um };
+        (name.clone(), known)
+    });
+    let left = left.collect();
+    Moves::new(places.after(after, &left), after)
+}
+
+fn kinds(events: &[Event]) -> Vec<String> {
+    let entry = |event: &Event| event.entry(isotherm_core::quantity::Moment::default()).kind.to_string();
+    events.iter().map(entry).collect()
+}
+
+#[test]
+fn a_place_names_line_device_register_and_worth_of_a_count() {
+    let profile = grinder();
+    let output = &profile.outputs[0];
+    let device = profile.device(output.device);
+    let place = of_output(&profile, output);
+    assert_eq!((&place.bus, place.unit), (&profile.bus(device.bus).address, device.unit));
+    assert_eq!(place.address, output.address.to_string());
+    assert_eq!(place.scale.to_bits(), output.encoding.scale.get().to_bits());
+    assert_eq!(place.axis, profile.axis(output.axis).settings.name);
+    let places = Places::of(&profile);
+    assert_eq!((places.outputs.len(), places.signals.len()), (profile.outputs.len(), profile.signals.len()));
+    let text = serde_json::to_string(&places).unwrap();
+    assert_eq!(serde_json::from_str::<Places>(&text).unwrap(), places);
+    assert!(!text.contains("former"), "{text}");
+}
+
+#[test]
+fn the_same_profile_bars_nothing_and_reports_nothing() {
+    let profile = grinder();
+    let moves = started(&profile, &profile, Some(20.0));
+    assert_eq!(moves.barred(&profile).len() + moves.events().len(), 0);
+    assert_eq!(moves.places.explain().len(), 0);
+}
+
+#[test]
+fn a_moved_output_bars_its_axis_until_a_person_confirms_and_its_first_read_is_reported_once() {
+    let before = grinder();
+    let mut after = before.clone();
+    let id = after.outputs.iter().position(|output| output.writes.is_cz()).unwrap();
+    let scale = after.outputs[id].encoding.scale.get();
+    after.outputs[id].encoding.scale = Scale::of(-scale);
+    let (name, axis) = (after.outputs[id].name.clone(), after.outputs[id].axis);
+    let mut moves = started(&before, &after, Some(20.0));
+    let barred = moves.barred(&after);
+    assert_eq!(barred.iter().map(|(axis, _)| *axis).collect::<Vec<_>>(), [axis]);
+    let why = &barred[0].1;
+    let was =
+        format!("output {name} was scale {scale}, 20.0 µm of ours were verified there; it is scale -{scale}");
+    assert_eq!(why.cause, was);
+    assert_eq!(kinds(&moves.events()), ["output-moved"]);
+    let (event, why) = moves.read(OutputId(id), &name, || "-20.0 µm".to_owned()).unwrap();
+    assert_eq!(kinds(&[event]), ["output-moved"]);
+    assert_eq!(why.cause, format!("{was}; its register holds -20.0 µm now"));
+    assert!(moves.read(OutputId(id), &name, || panic!("it was read before")).is_none());
+    assert!(moves.confirm("another axis").is_empty() && moves.is_in_doubt(&name));
+    assert_eq!(kinds(&moves.confirm(&after.axis(axis).settings.name)), ["place-confirmed"]);
+    assert!(!moves.is_in_doubt(&name) && moves.barred(&after).is_empty());
+}
+
+#[test]
+fn what_is_left_in_a_position_counts_by_the_diameter_and_only_in_the_same_register() {
+    let profile = grinder();
+    let now = OutputPlace { diameter: false, ..of_output(&profile, &profile.outputs[0]) };
+    let before =
+        |place: OutputPlace| Places { outputs: [("a".to_owned(), place)].into(), ..Places::default() };
+    let wide = OutputPlace { diameter: true, ..now.clone() };
+    let elsewhere = OutputPlace { unit: now.unit + 1, ..now.clone() };
+    for (was, is, left) in [
+        (&now, &now, Some(8.0)),
+        (&now, &wide, Some(4.0)),
+        (&wide, &now, Some(16.0)),
+        (&elsewhere, &now, None),
+    ] {
+        assert_eq!(before(was.clone()).left_in_position(is, "a", 8.0), left);
+    }
+    assert_eq!(before(now.clone()).left_in_position(&now, "b", 8.0), None);
+}
