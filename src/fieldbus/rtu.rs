@@ -9,6 +9,8 @@
 //!   taken for the answer ([`super::owed`]). What it owes is passed over here when it comes.
 //! - Where an adapter without echo suppression lets us hear ourselves, the first read shows it, and from then on every
 //!   request is expected back before its answer.
+//! - Bytes equal to the question are no answer to a read. The echo of a read of 17 to 24 bits from 0x0300 to 0x03FF has the
+//!   form of its answer.
 
 use std::io;
 use std::time::Duration;
@@ -68,10 +70,18 @@ impl Rtu {
         }
     }
 
-    /// The answer, if it has come.
-    fn find_answer(&mut self, unit: u8, request: Request<'_>) -> Option<Result<Answer, Fault>> {
+    /// Returns the answer, or `None` until it has come. `question` is the frame of the request.
+    fn find_answer(
+        &mut self,
+        unit: u8,
+        request: Request<'_>,
+        question: &[u8],
+    ) -> Option<Result<Answer, Fault>> {
         loop {
             match frame::find(&self.received, unit) {
+                Reply::Own { pdu, end } if request.is_read() && self.received[pdu.start - 1..end] == *question => {
+                    self.received.drain(..end);
+                }
                 Reply::Own { pdu, end } => {
                     let own = Mark::of(request);
                     if self.is_owed(unit, &self.received[pdu.clone()], Some(own)) {
@@ -248,7 +258,7 @@ impl Wire for Rtu {
                 } else if echo_is_due && question.starts_with(&self.received) {
                     continue;
                 }
-                if let Some(answer) = self.find_answer(unit, request) {
+                if let Some(answer) = self.find_answer(unit, request, &question) {
                     return answer;
                 }
             }

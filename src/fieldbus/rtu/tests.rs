@@ -178,6 +178,32 @@ async fn an_adapter_that_lets_us_hear_ourselves_is_seen_at_the_first_read_and_no
     assert_eq!(asked(&mut wire, &mut device, WRITE, &done).await, Ok(Answer::Done));
 }
 
+/// The echo of such a read has the form of its answer: three bytes of bits.
+#[tokio::test(start_paused = true)]
+async fn the_echo_of_a_read_is_no_answer_whatever_it_looks_like() {
+    for (table, offset, count) in [Table::Coil, Table::Discrete].into_iter().flat_map(|table| {
+        let offsets = [0x0300, 0x0301, 0x0380, 0x03ff];
+        offsets.into_iter().flat_map(move |offset| (17..=24).map(move |count| (table, offset, count)))
+    }) {
+        let read = Request::Read { from: Register { table, offset }, count };
+        let echo = frame::request(3, read);
+        let answer = framed(3, &[read.function(), 3, 0b101, 0, 0]);
+        let mut bits = vec![false; usize::from(count)];
+        (bits[0], bits[2]) = (true, true);
+        let (mut wire, mut device) = line();
+        assert_eq!(asked(&mut wire, &mut device, read, &echo).await, Err(Fault::Timeout), "{read:?}");
+        let both = [echo.as_slice(), &answer].concat();
+        assert_eq!(asked(&mut wire, &mut device, read, &both).await, Ok(Answer::Bits(bits.clone())), "{read:?}");
+        let noisy = [&[0xff], both.as_slice()].concat();
+        assert_eq!(asked(&mut wire, &mut device, read, &noisy).await, Ok(Answer::Bits(bits.clone())));
+        // Once another read has shown the echo, each question is expected back.
+        let shows = [frame::request(3, READ).as_slice(), &registers(1, 2)].concat();
+        assert_eq!(asked(&mut wire, &mut device, READ, &shows).await, good());
+        assert_eq!(asked(&mut wire, &mut device, read, &echo).await, Err(Fault::Timeout), "{read:?}");
+        assert_eq!(asked(&mut wire, &mut device, read, &both).await, Ok(Answer::Bits(bits)), "{read:?}");
+    }
+}
+
 #[tokio::test(start_paused = true)]
 async fn a_connection_that_ends_while_idle_is_told_apart_from_one_that_breaks_under_a_question() {
     let (mut wire, device) = line();
