@@ -1,4 +1,5 @@
-//! What a unit may still say whose answers do not name their question (RTU), and what it may be asked meanwhile.
+//! What a unit may still say whose answers do not name their question, and what it may be asked meanwhile. Such units are
+//! those on a line of RTU frames, and those behind a gateway that stamps a late answer with the transaction that is open.
 //!
 //! After a miss its answer may still come. Until then
 //! - a question whose answer is told apart from that one, by function or length, need not wait: what is owed is passed
@@ -155,6 +156,11 @@ impl Owed {
     /// How much longer anything may; `None` where it was listened to.
     pub(super) fn left_of_anything(&self, spans: Spans) -> Option<Duration> {
         self.anything.map(|since| since.left_of(spans.grace))
+    }
+
+    /// Returns whether an answer of it may still come.
+    pub(super) fn is_owing(&self) -> bool {
+        self.anything.is_some() || !self.late.is_empty()
     }
 
     /// It was listened to until nothing is owed any more.
