@@ -34,13 +34,18 @@ use super::trace::Tap;
 use super::wire::{Answer, Ending, NodeRequest, Request};
 use crate::clock::{Clock, Patience};
 use continuity::Continuity;
+use others::Others;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, Device, DeviceId};
 use units::{FIRST_PAUSE, Units};
 
 mod continuity;
 mod late;
+mod others;
 mod units;
+mod witness;
+
+pub use witness::Witness;
 
 /// How many timeouts a late answer is given, beyond the first, before its unit is asked again.
 pub const GRACE: u32 = 3;
@@ -84,6 +89,7 @@ pub struct DeviceLine {
     /// How long we give way.
     yielding: Backoff,
     continuity: Continuity,
+    others: Others,
 }
 
 /// An answer that was checked against its question.
@@ -93,32 +99,17 @@ pub struct Answered {
     pub answer: Answer,
     /// When its question left: what it brings is no younger than that.
     pub asked: Moment,
+    /// Whether it could be the answer to a question of another master.
+    pub attribution: Attribution,
 }
 
-/// Hears what became of each request that was not refused at once.
-pub trait Witness: Send + Sync {
-    /// It was answered, or failed; the attempts to connect that have failed in a row, and why the last did.
-    fn note(
-        &self,
-        device: DeviceId,
-        request: Request<'_>,
-        outcome: Result<(), Fault>,
-        refusals: (u32, Fault),
-    );
-
-    /// Another device may have replaced this one, or each on the line (`None`): a connection was refused or lost.
-    fn may_be_exchanged(&self, _device: Option<DeviceId>) {}
-
-    /// Whether the device has passed its checks since its last possible exchange.
-    fn is_verified(&self, _device: DeviceId) -> bool {
-        true
-    }
-
-    /// Questions go out one at a time from now on, because this came of two.
-    fn gives_up_pipeline(&self, _fault: Fault) {}
-
-    /// This is to be said of a device's subscription.
-    fn subscribes(&self, _device: DeviceId, _what: String) {}
+/// Whose question an answer belongs to, as far as it shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Attribution {
+    /// Ours.
+    Ours,
+    /// Ours or another master's: another master on the line asks for answers of the same unit, function and length.
+    Ambiguous,
 }
 
 impl DeviceLine {
@@ -151,6 +142,7 @@ impl DeviceLine {
             short_lives: 0,
             yielding: Backoff::new(FIRST_PAUSE, seed(&bus.name)),
             continuity: Continuity::default(),
+            others: Others::default(),
         }
     }
 
@@ -385,6 +377,7 @@ impl DeviceLine {
             {
                 witness.subscribes(device, what);
             }
+            self.note_others(now);
             self.look_for_exchange(place, &answer, now);
             if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
                 break self.settle(place, request, answer, now);
@@ -417,7 +410,8 @@ impl DeviceLine {
         }
         // One that never left has no answer.
         // One that was asked twice may answer the first question.
-        Ok(Answered { answer: answer?, asked: first_asked.or(self.departure.asked()).unwrap_or(now) })
+        let asked = first_asked.or(self.departure.asked()).unwrap_or(now);
+        Ok(Answered { answer: answer?, asked, attribution: self.others.attribute(number, request) })
     }
 
     /// What an answer, or its absence, means for the connection and the unit.

@@ -88,6 +88,25 @@ impl Mark {
         Mark { function: request.function(), form }
     }
 
+    /// That of this answer to a read; `None` of any other message.
+    pub(super) fn of_answer(pdu: &[u8]) -> Option<Mark> {
+        match *pdu {
+            [function @ 1..=4, bytes, ..] => Some(Mark { function, form: [u16::from(bytes), 0] }),
+            _ => None,
+        }
+    }
+
+    /// That of the answer to this question of a read; `None` of any other message.
+    pub(super) fn of_question(pdu: &[u8]) -> Option<Mark> {
+        let [function @ 1..=4, _, _, high, low] = *pdu else { return None };
+        let count = u16::from_be_bytes([high, low]);
+        let (most, bytes) = match function {
+            1 | 2 => (2000, count.div_ceil(8)),
+            _ => (125, 2 * count.min(125)),
+        };
+        (1..=most).contains(&count).then_some(Mark { function, form: [bytes, 0] })
+    }
+
     /// Whether the content of a frame bears it.
     pub(super) fn is_on(self, pdu: &[u8]) -> bool {
         let word = |at: usize| Some(u16::from_be_bytes([*pdu.get(at)?, *pdu.get(at + 1)?]));

@@ -16,6 +16,8 @@ pub(super) struct Board {
     latest: Latest,
     /// What the rate of change is measured from.
     believed: Vec<Option<(f64, Moment)>>,
+    /// The last value of each signal as it was read.
+    read: Vec<Option<(Result<f64, Reason>, Moment)>>,
     /// Where the counters are, with their rollovers.
     tracked: Vec<Tracked>,
     /// The position before and after a counter was set anew, until it is reported.
@@ -66,6 +68,7 @@ impl Board {
                 failing: vec![None; signals],
             },
             believed: vec![None; signals],
+            read: vec![None; signals],
             tracked: vec![Tracked::default(); signals],
             rereferenced: vec![None; signals],
             seen: vec![Reading::NEVER; signals],
@@ -77,18 +80,17 @@ impl Board {
     /// allows since the last value that was believed.
     pub(super) fn store(&mut self, id: SignalId, value: Result<f64, Reason>, at: Moment) {
         self.latest.failing[id.0] = None;
+        self.read[id.0] = Some((value, at));
         let position = value.and_then(|value| self.position(id, value, at));
         let (signal, believed) = (self.latest.profile.signal(id), self.believed[id.0]);
         let judged = position.and_then(|value| {
             if signal.range.is_some_and(|(low, high)| !(low..=high).contains(&value)) {
                 return Err(Reason::OutOfRange);
             }
-            if let (Some(rate), Some((last, taken))) = (signal.max_rate, believed) {
-                // A second at least: two polls close together must not make noise look fast.
-                let seconds = at.since(taken).as_secs_f64().max(1.0);
-                if (value - last).abs() > rate * seconds {
-                    return Err(Reason::TooFast);
-                }
+            if let (Some(rate), Some(before)) = (signal.max_rate, believed)
+                && is_too_fast((value, at), before, rate)
+            {
+                return Err(Reason::TooFast);
             }
             Ok(value)
         });
@@ -99,6 +101,23 @@ impl Board {
             }
             Err(reason) => Reading::bad(at, reason),
         };
+    }
+
+    /// Takes in a value that may be the answer to a question of another master. It is used only if the value read before it agrees:
+    /// within `max_rate`, or exactly if the signal has none. Otherwise the last good value serves until it is stale.
+    pub(super) fn store_ambiguous(&mut self, id: SignalId, value: Result<f64, Reason>, at: Moment) {
+        let before = self.read[id.0].replace((value, at));
+        let rate = self.latest.profile.signal(id).max_rate;
+        let agrees = match (value, before, rate) {
+            (Ok(value), Some((Ok(before), taken)), Some(rate)) => !is_too_fast((value, at), (before, taken), rate),
+            (value, Some((before, _)), _) => value == before,
+            (_, None, _) => false,
+        };
+        if agrees {
+            self.store(id, value, at);
+        } else {
+            self.fail(id, Reason::BadReply);
+        }
     }
 
     /// A counter's value with its rollovers; any other value as it is.
@@ -198,6 +217,13 @@ impl Board {
         }
         changes
     }
+}
+
+/// Returns whether a value has changed faster than `rate` allows since the one before.
+fn is_too_fast((value, at): (f64, Moment), (before, taken): (f64, Moment), rate: f64) -> bool {
+    // A second at least: two polls close together must not make noise look fast.
+    let seconds = at.since(taken).as_secs_f64().max(1.0);
+    (value - before).abs() > rate * seconds
 }
 
 impl Latest {

@@ -173,3 +173,42 @@ fn a_reason_after_a_silent_device_is_reported_and_so_is_its_end() {
     assert_eq!(look(5, Err(Reason::OpenCircuit)), [Change::Lost(BED, Reason::OpenCircuit)]);
     assert_eq!(look(6, Ok(20.0)), [Change::Back(BED, at(3))]);
 }
+
+#[test]
+fn an_ambiguous_value_is_used_only_if_the_one_before_it_agrees() {
+    let profile = profile();
+    let mut board = board(&profile);
+    let value = |board: &Board, seconds| board.value(BED, at(seconds));
+    board.store_ambiguous(BED, Ok(21.0), at(1));
+    assert_eq!(value(&board, 1), Some(21.0), "within max_rate of the one before");
+    board.store_ambiguous(BED, Ok(41.2), at(2));
+    assert_eq!(value(&board, 2), Some(21.0), "the last good one serves meanwhile");
+    board.store_ambiguous(BED, Ok(21.1), at(3));
+    assert_eq!(value(&board, 3), Some(21.0), "the one before it was another");
+    board.store_ambiguous(BED, Ok(21.2), at(4));
+    assert_eq!(value(&board, 4), Some(21.2));
+    for second in 5..12 {
+        board.store_ambiguous(BED, Ok(if second % 2 == 0 { 21.2 } else { 41.2 }), at(second));
+    }
+    assert_eq!(quality(&mut board, at(12)), Quality::Bad(Reason::BadReply), "none agreed until it was stale");
+    // Two of the other in a row change too fast since the last that was used, as long as that is young.
+    board.store(BED, Ok(21.0), at(20));
+    board.store_ambiguous(BED, Ok(41.2), at(21));
+    board.store_ambiguous(BED, Ok(41.2), at(22));
+    assert_eq!(quality(&mut board, at(22)), Quality::Bad(Reason::TooFast));
+}
+
+#[test]
+fn without_max_rate_two_values_agree_if_they_are_the_same() {
+    let profile = profile();
+    let mut board = board(&profile);
+    let value = |board: &Board, seconds| board.value(OPEN, at(seconds));
+    for (second, read, used) in [(1, 1.0, 0.0), (2, 1.0, 1.0), (3, 0.0, 1.0), (4, 1.0, 1.0), (5, 1.0, 1.0)] {
+        board.store_ambiguous(OPEN, Ok(read), at(second));
+        assert_eq!(value(&board, second), Some(used), "second {second}");
+    }
+    board.store_ambiguous(OPEN, Err(Reason::NotANumber), at(6));
+    assert_eq!(value(&board, 6), Some(1.0));
+    board.store_ambiguous(OPEN, Err(Reason::NotANumber), at(7));
+    assert_eq!(value(&board, 7), None);
+}

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::stamps::SourceStamps;
 use super::{Captures, Overruns};
-use crate::fieldbus::line::DeviceLine;
+use crate::fieldbus::line::{Attribution, DeviceLine};
 use crate::fieldbus::wire::Request;
 use crate::gateway::line_handle::LineHandle;
 use isotherm_core::quantity::Moment;
@@ -159,7 +159,10 @@ impl Poll {
                     let stamp = answered.answer.stamped(field);
                     let (value, taken) = stamped.believed(stamp, value, asked);
                     core.contact.stamped[field.signal.0] = stamped.age(stamp);
-                    core.board.store(field.signal, value, taken);
+                    match answered.attribution {
+                        Attribution::Ours => core.board.store(field.signal, value, taken),
+                        Attribution::Ambiguous => core.board.store_ambiguous(field.signal, value, taken),
+                    }
                 }
                 (Err(fault), _) | (_, &Err(fault)) => core.board.fail(field.signal, fault.reason()),
             }
