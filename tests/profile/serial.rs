@@ -152,6 +152,6 @@ fn a_line_of_rtu_frames_has_no_gateway_that_stamps_transactions() {
     assert!(error.to_string().contains("belongs to a modbus-tcp line"), "{error}");
     let line = GRINDER.replacen("type = \"modbus-tcp\"", "type = \"modbus-rtu-over-tcp\"", 1);
     let line = line.replacen("quirks = { max_gap = 0 }", "quirks = { gateway = false }", 1);
-    let error = only_error(&line, "device.readout.quirks.gateway", "gateway");
+    let error = only_error(&line, "device.counter.quirks.gateway", "gateway");
     assert!(error.to_string().contains("waits for late answers by itself"), "{error}");
 }

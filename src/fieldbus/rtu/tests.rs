@@ -178,6 +178,31 @@ async fn an_adapter_that_lets_us_hear_ourselves_is_seen_at_the_first_read_and_no
     assert_eq!(asked(&mut wire, &mut device, WRITE, &done).await, Ok(Answer::Done));
 }
 
+#[tokio::test(start_paused = true)]
+async fn frames_of_another_master_are_noted_and_neither_echoes_nor_late_answers_are() {
+    let (mut wire, mut device) = line();
+    let theirs = Request::Read { from: Register { table: Table::Holding, offset: 300 }, count: 1 };
+    let said = |unit| [frame::request(unit, theirs), framed(unit, &[3, 2, 0, 9])];
+    let form = Some(Mark::of(theirs));
+    let noted = |unit| [true, false].map(|is_question| Overheard { unit, form, is_question });
+    device.write_all(&said(3).concat()).await.unwrap();
+    assert_eq!(wire.exchange(3, READ, &mut whenever()).await, Err(Fault::UNASKED));
+    assert_eq!(wire.overheard(), noted(3));
+    assert_eq!(wire.overheard(), []);
+    let before = [said(8).concat(), registers(1, 2)].concat();
+    assert_eq!(asked(&mut wire, &mut device, READ, &before).await, good());
+    assert_eq!(wire.overheard(), noted(8));
+    let length = Err(Fault::Peer(PeerFault::Length));
+    assert_eq!(asked(&mut wire, &mut device, READ, &said(3)[1]).await, length);
+    assert_eq!(wire.overheard(), noted(3)[1..]);
+    let echoed = [frame::request(3, READ), registers(1, 2)].concat();
+    assert_eq!(asked(&mut wire, &mut device, READ, &echoed).await, good());
+    wire.pass_over(vec![(8, Mark::of(theirs))]);
+    let late = [frame::request(3, READ), framed(8, &[3, 2, 0, 9]), registers(1, 2)].concat();
+    assert_eq!(asked(&mut wire, &mut device, READ, &late).await, good());
+    assert_eq!((wire.overheard(), wire.heard_late()), (Vec::new(), vec![8]));
+}
+
 /// The echo of such a read has the form of its answer: three bytes of bits.
 #[tokio::test(start_paused = true)]
 async fn the_echo_of_a_read_is_no_answer_whatever_it_looks_like() {
