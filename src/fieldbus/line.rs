@@ -110,6 +110,8 @@ pub enum Attribution {
     Ours,
     /// Ours or another master's: another master on the line asks for answers of the same unit, function and length.
     Ambiguous,
+    /// Not known: another such answer of the unit followed it, and either may be ours.
+    Contested,
 }
 
 impl DeviceLine {
@@ -310,6 +312,7 @@ impl DeviceLine {
         }
         let mut was_connected = self.wire.is_some();
         let mut first_asked = None;
+        let mut is_contested = false;
         let answer = loop {
             let (mut are_two, mut is_second) = (false, false);
             let begun = self.tap.begin();
@@ -378,6 +381,7 @@ impl DeviceLine {
                 witness.subscribes(device, what);
             }
             self.note_others(now);
+            is_contested = answer.is_ok() && self.is_followed_by_another(number, request, now).await;
             self.look_for_exchange(place, &answer, now);
             if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
                 break self.settle(place, request, answer, now);
@@ -411,7 +415,11 @@ impl DeviceLine {
         // One that never left has no answer.
         // One that was asked twice may answer the first question.
         let asked = first_asked.or(self.departure.asked()).unwrap_or(now);
-        Ok(Answered { answer: answer?, asked, attribution: self.others.attribute(number, request) })
+        let attribution = match self.others.attribute(number, request) {
+            Attribution::Ambiguous if is_contested => Attribution::Contested,
+            attribution => attribution,
+        };
+        Ok(Answered { answer: answer?, asked, attribution })
     }
 
     /// What an answer, or its absence, means for the connection and the unit.

@@ -202,6 +202,11 @@ impl Owed {
         self.longest[0].max(self.longest[1]).max(SHORTEST) * FACTOR
     }
 
+    /// Returns within what time a second answer of it comes, if it has been asked twice.
+    pub(super) fn second_within(&self, timeout: Duration) -> Duration {
+        if self.is_prompt() { self.prompt_span().min(timeout) } else { timeout }
+    }
+
     /// It has answered, after so long; or within what it takes as often, where a question had to be repeated.
     pub(super) fn answers(&mut self, request: Request<'_>, took: Duration) {
         self.misses = 0;

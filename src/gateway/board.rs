@@ -106,8 +106,8 @@ impl Board {
     /// Takes in a value that may be the answer to a question of another master. It is used only if the value read before it agrees:
     /// within `max_rate`, or exactly if the signal has none. Otherwise the last good value serves until it is stale.
     pub(super) fn store_ambiguous(&mut self, id: SignalId, value: Result<f64, Reason>, at: Moment) {
-        let before = self.read[id.0].replace((value, at));
-        let rate = self.latest.profile.signal(id).max_rate;
+        let (rate, max_age) = (self.latest.profile.signal(id).max_rate, self.latest.profile.signal(id).max_age);
+        let before = self.read[id.0].replace((value, at)).filter(|(_, taken)| at.since(*taken) <= max_age);
         let agrees = match (value, before, rate) {
             (Ok(value), Some((Ok(before), taken)), Some(rate)) => !is_too_fast((value, at), (before, taken), rate),
             (value, Some((before, _)), _) => value == before,
@@ -118,6 +118,12 @@ impl Board {
         } else {
             self.fail(id, Reason::BadReply);
         }
+    }
+
+    /// An answer came that may be another master's, and so did a second one: neither says anything of the signal.
+    pub(super) fn store_contested(&mut self, id: SignalId) {
+        self.read[id.0] = None;
+        self.fail(id, Reason::BadReply);
     }
 
     /// A counter's value with its rollovers; any other value as it is.

@@ -2,8 +2,8 @@
 //!
 //! On a line of RTU frames the wire receives a late answer and discards it. A gateway from Modbus TCP to a serial line may
 //! stamp it with the transaction that is open when it arrives. Then nothing distinguishes it from the answer to that question.
-//! After a missed answer of a unit behind such a gateway, so no question of the same form goes to that unit while the late
-//! answer may arrive. An answer that arrives then finds no open transaction.
+//! So after a missed answer no question of the same form goes to that unit while the late answer may arrive. It then finds no
+//! open transaction.
 //!
 //! A gateway that keeps a late answer until the next question comes is not cured by waiting.
 

@@ -4,6 +4,9 @@
 //! has the unit, function and length of an answer to ours cannot be distinguished from that. Frames that nobody here asked
 //! for show such a master. For [`AFTER`] from the last of them, answers of a form that was seen with it are marked as
 //! [`Attribution::Ambiguous`]. Whoever uses them needs a second one that agrees.
+//!
+//! If both masters ask at once, two such answers follow each other. So the line listens after an ambiguous answer for as
+//! long as the second one takes, and if it comes neither is used ([`Attribution::Contested`]).
 
 use std::time::Duration;
 
@@ -85,12 +88,39 @@ impl DeviceLine {
                 return Ok(last);
             }
             let next = self.request(device, request, Leave::Whenever).await?;
-            if next.attribution == Attribution::Ambiguous && next.answer == last.answer {
+            let is_confirmed = next.attribution == Attribution::Ambiguous && next.answer == last.answer;
+            if is_confirmed && last.attribution == Attribution::Ambiguous {
                 return Ok(Answered { asked: last.asked, ..next });
             }
             last = next;
         }
         Err(Fault::Peer(PeerFault::Foreign))
+    }
+
+    /// Returns whether another answer of the unit follows an ambiguous one.
+    pub(super) async fn is_followed_by_another(
+        &mut self,
+        number: u8,
+        request: Request<'_>,
+        now: Moment,
+    ) -> bool {
+        if self.others.attribute(number, request) == Attribution::Ours {
+            return false;
+        }
+        let Some(connection) = &mut self.wire else { return false };
+        let span = self.units.owed.of(number).second_within(self.timeout);
+        self.departure.away_for(span + self.timeout);
+        // A connection that is lost meanwhile is found at the next request.
+        let heard = connection.wire().listen(number, span, Duration::ZERO).await;
+        self.departure.look();
+        let late = connection.wire().heard_late();
+        late.iter().filter(|unit| **unit != number).for_each(|unit| self.units.owed.of(*unit).distrust());
+        let is_followed = heard.is_err() || late.contains(&number);
+        if is_followed {
+            let form = Some(Mark::of(request));
+            self.others.note(Overheard { unit: number, form, is_question: false }, now);
+        }
+        is_followed
     }
 
     /// Notes the frames of other masters that were received in an exchange. A unit that owes an answer may have sent it late.

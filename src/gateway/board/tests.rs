@@ -179,6 +179,7 @@ fn an_ambiguous_value_is_used_only_if_the_one_before_it_agrees() {
     let profile = profile();
     let mut board = board(&profile);
     let value = |board: &Board, seconds| board.value(BED, at(seconds));
+    board.store(OPEN, Ok(0.0), at(30));
     board.store_ambiguous(BED, Ok(21.0), at(1));
     assert_eq!(value(&board, 1), Some(21.0), "within max_rate of the one before");
     board.store_ambiguous(BED, Ok(41.2), at(2));
@@ -191,6 +192,14 @@ fn an_ambiguous_value_is_used_only_if_the_one_before_it_agrees() {
         board.store_ambiguous(BED, Ok(if second % 2 == 0 { 21.2 } else { 41.2 }), at(second));
     }
     assert_eq!(quality(&mut board, at(12)), Quality::Bad(Reason::BadReply), "none agreed until it was stale");
+    // A contested answer says nothing, and the next one has none before it.
+    board.store(BED, Ok(21.0), at(15));
+    board.store_contested(BED);
+    assert_eq!(value(&board, 15), Some(21.0));
+    board.store_ambiguous(BED, Ok(21.1), at(16));
+    assert_eq!(value(&board, 16), Some(21.0));
+    board.store_ambiguous(BED, Ok(21.1), at(17));
+    assert_eq!(value(&board, 17), Some(21.1));
     // Two of the other in a row change too fast since the last that was used, as long as that is young.
     board.store(BED, Ok(21.0), at(20));
     board.store_ambiguous(BED, Ok(41.2), at(21));

@@ -162,6 +162,7 @@ impl Poll {
                     match answered.attribution {
                         Attribution::Ours => core.board.store(field.signal, value, taken),
                         Attribution::Ambiguous => core.board.store_ambiguous(field.signal, value, taken),
+                        Attribution::Contested => core.board.store_contested(field.signal),
                     }
                 }
                 (Err(fault), _) | (_, &Err(fault)) => core.board.fail(field.signal, fault.reason()),
