@@ -270,7 +270,18 @@ impl VirtualMachine {
         let is_tcp = profile.buses[bus].transport == Transport::Tcp;
         let framing = if is_tcp { Framing::Tcp } else { Framing::Rtu };
         let (slice, shared) = (profile.buses[bus].timeout / Patience::SLICES, self.shared.clone());
-        (gate, Arc::new(Line { units, framing, unknown_unit, slice, serial_side: SerialSide::default(), shared }), switched)
+        (
+            gate,
+            Arc::new(Line {
+                units,
+                framing,
+                unknown_unit,
+                slice,
+                serial_side: SerialSide::default(),
+                shared,
+            }),
+            switched,
+        )
     }
 
     fn can_line(&self, profile: &Profile, bus: usize, begin: Moment) -> CanLine {

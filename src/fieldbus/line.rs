@@ -34,9 +34,9 @@ use super::trace::Tap;
 use super::wire::{Answer, Ending, NodeRequest, Request};
 use crate::clock::{Clock, Patience};
 use continuity::Continuity;
-use others::Others;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, Device, DeviceId};
+use others::Others;
 use units::{FIRST_PAUSE, Units};
 
 mod continuity;
@@ -235,7 +235,8 @@ impl DeviceLine {
         let now = self.departure.looked();
         let allowed = |device: DeviceId, request: Request<'_>| {
             let unit = self.units.get(device)?;
-            let is_owing = unit.is_behind_gateway && self.units.owed.get(unit.number).is_some_and(Owed::is_owing);
+            let is_owing =
+                unit.is_behind_gateway && self.units.owed.get(unit.number).is_some_and(Owed::is_owing);
             (unit.functions.allow(request.function()) && unit.breaker.allows(now) && !is_owing)
                 .then_some(unit.number)
         };
@@ -302,7 +303,8 @@ impl DeviceLine {
         if !may_be_unverified && self.is_unverified(place) {
             return Err(Fault::UNVERIFIED);
         }
-        let (number, is_behind_gateway) = (self.units.at(place).number, self.units.at(place).is_behind_gateway);
+        let (number, is_behind_gateway) =
+            (self.units.at(place).number, self.units.at(place).is_behind_gateway);
         // A gateway answers for a unit that may answer late.
         let is_missing = |fault: Fault| is_behind_gateway && fault.is_of_a_gateway();
         let not_before = self.units.owed.get(number).and_then(|owed| owed.not_before(request, self.spans()));
@@ -351,7 +353,10 @@ impl DeviceLine {
                 answer = match exchanged {
                     // One that was found after its time comes too late, also where nobody looked in between.
                     Some(answer)
-                        if answer.as_ref().err().is_none_or(|fault| fault.is_refusal() && !is_missing(*fault))
+                        if answer
+                            .as_ref()
+                            .err()
+                            .is_none_or(|fault| fault.is_refusal() && !is_missing(*fault))
                             && (took > span || (first_asked.is_some() && !owed.is_likely_after(took))) =>
                     {
                         Err(connection.wire().missed())

@@ -84,7 +84,9 @@ impl Rtu {
     ) -> Option<Result<Answer, Fault>> {
         loop {
             match frame::find(&self.received, unit) {
-                Reply::Own { pdu, end } if request.is_read() && self.received[pdu.start - 1..end] == *question => {
+                Reply::Own { pdu, end }
+                    if request.is_read() && self.received[pdu.start - 1..end] == *question =>
+                {
                     self.received.drain(..end);
                 }
                 Reply::Own { pdu, end } => {

@@ -106,10 +106,13 @@ impl Board {
     /// Takes in a value that may be the answer to a question of another master. It is used only if the value read before it agrees:
     /// within `max_rate`, or exactly if the signal has none. Otherwise the last good value serves until it is stale.
     pub(super) fn store_ambiguous(&mut self, id: SignalId, value: Result<f64, Reason>, at: Moment) {
-        let (rate, max_age) = (self.latest.profile.signal(id).max_rate, self.latest.profile.signal(id).max_age);
+        let (rate, max_age) =
+            (self.latest.profile.signal(id).max_rate, self.latest.profile.signal(id).max_age);
         let before = self.read[id.0].replace((value, at)).filter(|(_, taken)| at.since(*taken) <= max_age);
         let agrees = match (value, before, rate) {
-            (Ok(value), Some((Ok(before), taken)), Some(rate)) => !is_too_fast((value, at), (before, taken), rate),
+            (Ok(value), Some((Ok(before), taken)), Some(rate)) => {
+                !is_too_fast((value, at), (before, taken), rate)
+            }
             (value, Some((before, _)), _) => value == before,
             (_, None, _) => false,
         };
@@ -118,6 +121,16 @@ impl Board {
         } else {
             self.fail(id, Reason::BadReply);
         }
+    }
+
+    /// The last reading may be the answer to a question of another master that was noticed only after it. Without `max_rate` nothing
+    /// spoke against it, so it is not used any more.
+    pub(super) fn doubt(&mut self, id: SignalId) {
+        let reading = &mut self.latest.readings[id.0];
+        if reading.quality == Quality::Good && self.latest.profile.signal(id).max_rate.is_none() {
+            *reading = Reading::bad(reading.at, Reason::BadReply);
+        }
+        self.read[id.0] = None;
     }
 
     /// An answer came that may be another master's, and so did a second one: neither says anything of the signal.

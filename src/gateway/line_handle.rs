@@ -186,18 +186,21 @@ impl Witness for LineHandle {
 
     /// Reported for each form of its answers that is new.
     fn shares_line(&self, attribute: &dyn Fn(u8, Request<'_>) -> Attribution) {
-        let mut signals = Vec::new();
+        let mut ids = Vec::new();
         for (id, device) in self.profile.devices_on(self.bus) {
             for request in self.profile.requests(id) {
                 if attribute(device.unit, Request::from(&request.asks)) == Attribution::Ambiguous {
-                    signals.extend(request.fields.iter().map(|field| self.profile.signal(field.signal)));
+                    ids.extend(request.fields.iter().map(|field| field.signal));
                 }
             }
         }
         let bus = self.profile.bus(self.bus);
         let (name, address) = (bus.name.clone(), bus.address.clone());
+        let signals: Vec<&Signal> = ids.iter().map(|id| self.profile.signal(*id)).collect();
         let what = another_master(&signals);
-        self.core().events.push(Event::BusTrouble { bus: name, address, what });
+        let mut core = self.core();
+        ids.into_iter().for_each(|id| core.board.doubt(id));
+        core.events.push(Event::BusTrouble { bus: name, address, what });
     }
 
     fn has_line_alone(&self, frames: u64, within: Duration) {
@@ -230,7 +233,8 @@ fn another_master(signals: &[&Signal]) -> Explained {
         let more = signals.len().saturating_sub(NAMED);
         if more == 0 { named.join(", ") } else { format!("{} and {more} more", named.join(", ")) }
     };
-    let mut cause = "another master is on the line: messages came that no question of this gateway asked for".to_owned();
+    let mut cause =
+        "another master is on the line: messages came that no question of this gateway asked for".to_owned();
     if !signals.is_empty() {
         let agree = "its answers look like those of these signals, which are used only if two in a row agree";
         cause += &format!("; {agree}: {}", list(signals));
@@ -241,5 +245,8 @@ fn another_master(signals: &[&Signal]) -> Explained {
             cause += &format!("; {same}: {}", list(&unlimited));
         }
     }
-    Explained::new(cause, "one master per line: disconnect the other one, or let it read the values elsewhere")
+    Explained::new(
+        cause,
+        "one master per line: disconnect the other one, or let it read the values elsewhere",
+    )
 }

@@ -74,7 +74,11 @@ mod tests {
         assert_eq!(side.pass(2, &OIL, reads(7, None)), (reads(7, None), Duration::ZERO), "another unit");
         assert_eq!(side.pass(1, &OIL, reads(41, None)), (reads(25, None), DELAY / 2));
         tokio::time::sleep(DELAY / 2).await;
-        assert_eq!(side.pass(1, &BED, reads(25, None)), (reads(41, None), EXCHANGE), "for as long as one watches");
+        assert_eq!(
+            side.pass(1, &BED, reads(25, None)),
+            (reads(41, None), EXCHANGE),
+            "for as long as one watches"
+        );
         tokio::time::sleep(2 * EXCHANGE).await;
         assert_eq!(side.pass(1, &OIL, reads(41, None)), (reads(41, None), Duration::ZERO));
         let silent = Some(ReplyFault::Shift { delay: DELAY, code: None });

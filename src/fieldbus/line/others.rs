@@ -81,7 +81,11 @@ impl DeviceLine {
     ///
     /// # Errors
     /// Those of [`DeviceLine::request`]. Answers that do not agree are answers of another master.
-    pub async fn read_confirmed(&mut self, device: DeviceId, request: Request<'_>) -> Result<Answered, Fault> {
+    pub async fn read_confirmed(
+        &mut self,
+        device: DeviceId,
+        request: Request<'_>,
+    ) -> Result<Answered, Fault> {
         let mut last = self.request(device, request, Leave::Whenever).await?;
         for _ in 0..CONFIRMATIONS {
             if last.attribution == Attribution::Ours {
@@ -188,6 +192,10 @@ mod tests {
         for count in 2..=65 {
             others.note(heard(3, count), at(1));
         }
-        assert_eq!(others.attribute(2, read(100, 1)), Attribution::Ambiguous, "more forms than are remembered");
+        assert_eq!(
+            others.attribute(2, read(100, 1)),
+            Attribution::Ambiguous,
+            "more forms than are remembered"
+        );
     }
 }

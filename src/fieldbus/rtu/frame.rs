@@ -104,7 +104,8 @@ pub(super) fn frames(bytes: &[u8]) -> Vec<Frame> {
     while start < bytes.len() {
         let left = &bytes[start..];
         let answer = whole(left).map(|length| (length, false));
-        let Some((length, is_question)) = answer.or_else(|| whole_question(left).map(|length| (length, true)))
+        let Some((length, is_question)) =
+            answer.or_else(|| whole_question(left).map(|length| (length, true)))
         else {
             start += 1;
             continue;

@@ -218,7 +218,11 @@ async fn the_echo_of_a_read_is_no_answer_whatever_it_looks_like() {
         let (mut wire, mut device) = line();
         assert_eq!(asked(&mut wire, &mut device, read, &echo).await, Err(Fault::Timeout), "{read:?}");
         let both = [echo.as_slice(), &answer].concat();
-        assert_eq!(asked(&mut wire, &mut device, read, &both).await, Ok(Answer::Bits(bits.clone())), "{read:?}");
+        assert_eq!(
+            asked(&mut wire, &mut device, read, &both).await,
+            Ok(Answer::Bits(bits.clone())),
+            "{read:?}"
+        );
         let noisy = [&[0xff], both.as_slice()].concat();
         assert_eq!(asked(&mut wire, &mut device, read, &noisy).await, Ok(Answer::Bits(bits.clone())));
         // Once another read has shown the echo, each question is expected back.

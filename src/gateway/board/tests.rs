@@ -221,3 +221,18 @@ fn without_max_rate_two_values_agree_if_they_are_the_same() {
     board.store_ambiguous(OPEN, Err(Reason::NotANumber), at(7));
     assert_eq!(value(&board, 7), None);
 }
+
+#[test]
+fn a_reading_before_another_master_was_noticed_serves_on_only_if_its_rate_was_checked() {
+    let profile = profile();
+    let mut board = board(&profile);
+    board.doubt(BED);
+    assert_eq!(board.latest().taken(BED), at(0));
+    assert_eq!(board.value(BED, at(1)), Some(20.0), "it has max_rate");
+    board.doubt(OPEN);
+    assert_eq!(board.value(OPEN, at(1)), None);
+    board.store_ambiguous(OPEN, Ok(0.0), at(2));
+    assert_eq!(board.value(OPEN, at(2)), None, "the one before it may have been another's");
+    board.store_ambiguous(OPEN, Ok(0.0), at(3));
+    assert_eq!(board.value(OPEN, at(3)), Some(0.0));
+}

@@ -180,7 +180,10 @@ async fn a_second_master_is_an_alarm_and_its_register_is_no_reading() {
     }
     let (good, wrong, reported) = watched("", 14).await;
     println!("without max_rate: {good} good samples, {wrong} of the other master; {reported:?}");
-    assert!(reported.last().unwrap().contains("cannot be distinguished from theirs: bed, oil"), "{reported:?}");
+    assert!(
+        reported.last().unwrap().contains("cannot be distinguished from theirs: bed, oil"),
+        "{reported:?}"
+    );
     assert!(100 * wrong <= 5 * good, "{wrong} of {good}");
 }
 

@@ -46,7 +46,8 @@ fn shifts(units: &[u8], count: u64, keys: &str) -> String {
     }
     for shift in 0..count {
         let at = 3 + SECONDS_PER_SHIFT * shift;
-        writeln!(text, "[[fault]]\ndevice = \"m1\"\nkind = \"shift\"\nat = \"{at}s\"\nfor = 1\n{keys}").unwrap();
+        writeln!(text, "[[fault]]\ndevice = \"m1\"\nkind = \"shift\"\nat = \"{at}s\"\nfor = 1\n{keys}")
+            .unwrap();
     }
     text
 }
@@ -83,7 +84,10 @@ const SILENT: &str = "delay = \"110ms\"";
 fn without_the_wait_two_signals_of_one_unit_are_exchanged_for_as_long_as_one_watches() {
     let trace = watched(&[1], "quirks = { gateway = false }", 1, REFUSED);
     let last = trace.samples.last().unwrap();
-    println!("{:?}", last.status.signals.iter().map(|signal| (&signal.name, signal.value)).collect::<Vec<_>>());
+    println!(
+        "{:?}",
+        last.status.signals.iter().map(|signal| (&signal.name, signal.value)).collect::<Vec<_>>()
+    );
     let (_, wrong, missed) = counted(&trace);
     assert!(wrong > 0 && missed == 1, "{wrong} wrong, {missed} missed");
 }

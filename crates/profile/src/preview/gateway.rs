@@ -11,7 +11,8 @@ pub(super) fn preview(profile: &Profile, id: BusId) -> Option<Section> {
         return None;
     }
     let mut section = Section::default();
-    section.line(format!("  as behind a gateway to a serial line (`quirks.gateway`): {}", devices.join(", ")));
+    section
+        .line(format!("  as behind a gateway to a serial line (`quirks.gateway`): {}", devices.join(", ")));
     section.line("  after a missed answer a unit is not asked before its late answer has had its time");
     section.entry("devices", &devices);
     Some(section)
