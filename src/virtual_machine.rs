@@ -45,6 +45,7 @@ mod modbus;
 mod port;
 mod probing;
 mod registers;
+mod serial_side;
 mod server;
 #[cfg(test)]
 mod tests;
@@ -64,6 +65,7 @@ use gate::{ListenerSwitch, live};
 use hardware::Hardware;
 use modbus::Framing;
 use probing::Cycle;
+use serial_side::SerialSide;
 use server::{Line, OpenOrClose, Shared};
 
 /// How often the truth is sampled and faults that come by themselves are looked for.
@@ -268,7 +270,18 @@ impl VirtualMachine {
         let is_tcp = profile.buses[bus].transport == Transport::Tcp;
         let framing = if is_tcp { Framing::Tcp } else { Framing::Rtu };
         let (slice, shared) = (profile.buses[bus].timeout / Patience::SLICES, self.shared.clone());
-        (gate, Arc::new(Line { units, framing, unknown_unit, slice, shared }), switched)
+        (
+            gate,
+            Arc::new(Line {
+                units,
+                framing,
+                unknown_unit,
+                slice,
+                serial_side: SerialSide::default(),
+                shared,
+            }),
+            switched,
+        )
     }
 
     fn can_line(&self, profile: &Profile, bus: usize, begin: Moment) -> CanLine {

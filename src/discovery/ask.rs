@@ -11,7 +11,7 @@ use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::trace::{Exchange, Listening, Tap};
 use crate::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::Register;
-use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Quirks, ReadBy};
+use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Gateway, Quirks, ReadBy};
 
 /// Attempts to connect before a line is given up, with a pause between two.
 const DIALS: u32 = 3;
@@ -32,6 +32,11 @@ impl Asker {
     /// exchange.
     pub fn new(line: &LineAddress, bus: &Bus, quirks: Quirks, trace: Option<Trace>) -> Asker {
         let bus = Bus { transport: line.transport, address: line.address.clone(), ..bus.clone() };
+        // All unit numbers are asked here: their count does not show a gateway.
+        let quirks = match quirks.gateway {
+            Gateway::ByUnits => Quirks { gateway: Gateway::Absent, ..quirks },
+            _ => quirks,
+        };
         let device = |unit| Device {
             label: String::new(),
             name: format!("unit{unit}"),

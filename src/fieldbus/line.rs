@@ -15,7 +15,8 @@
 //! [`GRACE`] timeouts more, and whatever came until then is discarded; unless it is known to be prompt, see
 //! [`super::owed`]. An answer that is later still cannot be told from the next one: the timeout must be at least a
 //! quarter of the longest that a device ever takes. Two misses in a row open the port again, for an adapter that has lost
-//! itself.
+//! itself. A unit behind a gateway from Modbus TCP to a serial line waits in the same way, see `line/late.rs`.
+//!
 //! A device that failed is left alone for a pause that doubles; while it rests, the others on the line are served, so
 //! a dead unit costs them at most one timeout per pause. A line that cannot be connected rests in the same way.
 
@@ -27,7 +28,7 @@ use super::backoff::Backoff;
 use super::connection::{Connection, Dial};
 use super::departure::{Departure, Leave};
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
-use super::owed::{Owed, Spans};
+use super::owed::{Mark, Owed, Spans};
 use super::pipeline::Pipeline;
 use super::trace::Tap;
 use super::wire::{Answer, NodeRequest, Request};
@@ -36,10 +37,16 @@ use continuity::Evidence;
 use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, Device, DeviceId};
+use others::Others;
 use units::{FIRST_PAUSE, Units};
 
 mod continuity;
+mod late;
+mod others;
 mod units;
+mod witness;
+
+pub use witness::Witness;
 
 /// How many timeouts a late answer is given, beyond the first, before its unit is asked again.
 pub const GRACE: u32 = 3;
@@ -83,6 +90,7 @@ pub struct DeviceLine {
     /// How long we give way.
     yielding: Backoff,
     evidence: Evidence,
+    others: Others,
 }
 
 /// An answer that was checked against its question.
@@ -92,32 +100,19 @@ pub struct Answered {
     pub answer: Answer,
     /// When its question left: what it brings is no younger than that.
     pub asked: Moment,
+    /// Whether it could be the answer to a question of another master.
+    pub attribution: Attribution,
 }
 
-/// Hears what became of each request that was not refused at once.
-pub trait Witness: Send + Sync {
-    /// It was answered, or failed; the attempts to connect that have failed in a row, and why the last did.
-    fn note(
-        &self,
-        device: DeviceId,
-        request: Request<'_>,
-        outcome: Result<(), Fault>,
-        refusals: (u32, Fault),
-    );
-
-    /// Contact with a device, or with each on the line (`None`), was broken: another one may answer next.
-    fn breaks(&self, _device: Option<DeviceId>, _cause: Break) {}
-
-    /// Returns whether the device has passed its checks since contact was last broken.
-    fn is_verified(&self, _device: DeviceId) -> bool {
-        true
-    }
-
-    /// Questions go out one at a time from now on, because this came of two.
-    fn gives_up_pipeline(&self, _fault: Fault) {}
-
-    /// This is to be said of a device's subscription.
-    fn subscribes(&self, _device: DeviceId, _what: String) {}
+/// Whose question an answer belongs to, as far as it shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Attribution {
+    /// Ours.
+    Ours,
+    /// Ours or another master's: another master on the line asks for answers of the same unit, function and length.
+    Ambiguous,
+    /// Not known: another such answer of the unit followed it, and either may be ours.
+    Contested,
 }
 
 impl DeviceLine {
@@ -135,7 +130,7 @@ impl DeviceLine {
             pause_after_connect,
             redial: Backoff::new(FIRST_PAUSE, seed(&bus.name)),
             refused: Fault::Link(LinkFault::Down),
-            units: Units::of(devices),
+            units: Units::of(bus.transport, devices),
             is_nameless: false,
             pipeline: Pipeline::new(
                 bus.pipeline > 1 && devices.iter().all(|(_, device)| device.quirks.bear_two()),
@@ -150,6 +145,7 @@ impl DeviceLine {
             short_lives: 0,
             yielding: Backoff::new(FIRST_PAUSE, seed(&bus.name)),
             evidence: Evidence::default(),
+            others: Others::default(),
         }
     }
 
@@ -240,7 +236,10 @@ impl DeviceLine {
         let now = self.departure.looked();
         let allowed = |device: DeviceId, request: Request<'_>| {
             let unit = self.units.get(device)?;
-            (unit.functions.allow(request.function()) && unit.breaker.allows(now)).then_some(unit.number)
+            let is_owing =
+                unit.is_behind_gateway && self.units.owed.get(unit.number).is_some_and(Owed::is_owing);
+            (unit.functions.allow(request.function()) && unit.breaker.allows(now) && !is_owing)
+                .then_some(unit.number)
         };
         let read = read.and_then(|(device, request)| Some((allowed(device, request)?, request)));
         self.pipeline.ask(read);
@@ -305,7 +304,10 @@ impl DeviceLine {
         if !may_be_unverified && self.is_unverified(place) {
             return Err(Fault::UNVERIFIED);
         }
-        let number = self.units.at(place).number;
+        let (number, is_behind_gateway) =
+            (self.units.at(place).number, self.units.at(place).is_behind_gateway);
+        // A gateway answers for a unit that may answer late.
+        let is_missing = |fault: Fault| is_behind_gateway && fault.is_of_a_gateway();
         let not_before = self.units.owed.get(number).and_then(|owed| owed.not_before(request, self.spans()));
         if not_before.is_some_and(|moment| now < moment) {
             let last_fault = self.units.at(place).last_fault;
@@ -313,6 +315,7 @@ impl DeviceLine {
         }
         let mut was_connected = self.wire.is_some();
         let mut first_asked = None;
+        let mut is_contested = false;
         let answer = loop {
             let (mut are_two, mut is_second) = (false, false);
             let begun = self.tap.begin();
@@ -327,7 +330,11 @@ impl DeviceLine {
                 if self.pipeline.is_on() {
                     // What went out behind another question is asked for, or something goes out behind this one.
                     is_second = connection.wire().has_behind();
-                    connection.wire().ask_behind(self.pipeline.take());
+                    // Two answers that a gateway could take for each other are not under way together.
+                    let is_like_it = |(unit, read): &(u8, Request<'_>)| {
+                        is_behind_gateway && *unit == number && Mark::of(*read) == Mark::of(request)
+                    };
+                    connection.wire().ask_behind(self.pipeline.take().filter(|read| !is_like_it(read)));
                     are_two = is_second || connection.wire().has_behind();
                 }
                 let span = self.timeout + connection.wire().time_under_way(request);
@@ -347,7 +354,10 @@ impl DeviceLine {
                 answer = match exchanged {
                     // One that was found after its time comes too late, also where nobody looked in between.
                     Some(answer)
-                        if answer.as_ref().err().is_none_or(|fault| fault.is_refusal())
+                        if answer
+                            .as_ref()
+                            .err()
+                            .is_none_or(|fault| fault.is_refusal() && !is_missing(*fault))
                             && (took > span || (first_asked.is_some() && !owed.is_likely_after(took))) =>
                     {
                         Err(connection.wire().missed())
@@ -355,8 +365,10 @@ impl DeviceLine {
                     Some(answer) => answer,
                     None => Err(connection.wire().missed()),
                 };
-                if matches!(answer, Ok(_) | Err(Fault::Exception(_))) {
-                    owed.answers(request, took);
+                match answer {
+                    Err(fault) if is_missing(fault) => {}
+                    Ok(_) | Err(Fault::Exception(_)) => owed.answers(request, took),
+                    Err(_) => {}
                 }
             }
             if let Some(begun) = begun {
@@ -374,6 +386,8 @@ impl DeviceLine {
             {
                 witness.subscribes(device, what);
             }
+            self.note_others(now);
+            is_contested = answer.is_ok() && self.is_followed_by_another(number, request, now).await;
             self.look_for_a_break(place, &answer, now);
             if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
                 break self.settle(place, request, answer, now);
@@ -406,7 +420,12 @@ impl DeviceLine {
         }
         // One that never left has no answer.
         // One that was asked twice may answer the first question.
-        Ok(Answered { answer: answer?, asked: first_asked.or(self.departure.asked()).unwrap_or(now) })
+        let asked = first_asked.or(self.departure.asked()).unwrap_or(now);
+        let attribution = match self.others.attribute(number, request) {
+            Attribution::Ambiguous if is_contested => Attribution::Contested,
+            attribution => attribution,
+        };
+        Ok(Answered { answer: answer?, asked, attribution })
     }
 
     /// What an answer, or its absence, means for the connection and the unit.
@@ -420,6 +439,7 @@ impl DeviceLine {
         let Some(connection) = &mut self.wire else { return answer };
         let has_ids = connection.wire().has_transaction_id();
         self.is_nameless = !has_ids;
+        let is_behind_gateway = self.units.at(place).is_behind_gateway;
         let has_left = self.departure.asked().is_some();
         let is_first = has_left && !self.has_answered;
         self.has_answered |= has_left;
@@ -430,6 +450,13 @@ impl DeviceLine {
         match &answer {
             // It never left the house, which says nothing of the device.
             Err(Fault::Caller(_)) => {}
+            // The gateway has answered, and not the unit.
+            Err(fault) if is_behind_gateway && fault.is_of_a_gateway() => {
+                self.misses = 0;
+                self.evidence.answered();
+                self.note_miss(place, request, *fault, now);
+                self.put_down(place);
+            }
             Err(fault) if fault.spoils_connection() => {
                 self.misses += 1;
                 let is_lost = matches!(fault, Fault::Link(_) | Fault::Peer(PeerFault::Unasked));
@@ -442,15 +469,14 @@ impl DeviceLine {
                     self.wire = None;
                     self.misses = 0;
                 }
-                if has_ids {
+                if has_ids && !(is_behind_gateway && has_left && !matches!(fault, Fault::Link(_))) {
                     // The pause begins when the timeout is over, else several dead units would have none left.
                     let waited = if *fault == Fault::Timeout { self.timeout } else { Duration::ZERO };
                     let unit = self.units.at_mut(place);
                     unit.breaker.fail(now.after(waited));
                     unit.last_fault = *fault;
                 } else {
-                    let asked = self.departure.asked().unwrap_or(now);
-                    self.units.misses(place, (request, asked), *fault, now, self.spans());
+                    self.note_miss(place, request, *fault, now);
                 }
             }
             _ => {
@@ -459,13 +485,18 @@ impl DeviceLine {
                 let unit = self.units.at_mut(place);
                 unit.heard = now;
                 unit.breaker.succeed();
-                if unit.quirks.close_after_each {
-                    self.wire = None;
-                    self.is_put_down = true;
-                }
+                self.put_down(place);
             }
         }
         answer
+    }
+
+    /// Closes the connection after an answer of a device that lets in one client at a time.
+    fn put_down(&mut self, place: usize) {
+        if self.units.at(place).quirks.close_after_each {
+            self.wire = None;
+            self.is_put_down = true;
+        }
     }
 
     /// Hangs up: what is on its way on the connection belongs to a time that is over.
@@ -501,7 +532,7 @@ impl DeviceLine {
         if self.wire.is_none() {
             self.connect(now).await?;
         }
-        self.hear_out(self.units.at(place).number, request).await?;
+        self.hear_out(place, request).await?;
         let unit = self.units.at(place);
         let pause = unit.quirks.pause_between_requests;
         if self.spoke && !pause.is_zero() {
@@ -511,37 +542,6 @@ impl DeviceLine {
         }
         self.spoke = true;
         Ok(Answer::Done)
-    }
-
-    /// Listens until nothing that may still come of the unit could be taken for the answer to this.
-    async fn hear_out(&mut self, number: u8, request: Request<'_>) -> Result<(), Fault> {
-        let spans = self.spans();
-        let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
-        let owed = self.units.owed.of(number);
-        loop {
-            // On a new connection nothing waits yet of what is said out of turn.
-            let least = if self.has_answered { Duration::ZERO } else { self.timeout };
-            let anything = owed.left_of_anything(spans).map(|left| left.max(least));
-            let left = anything.unwrap_or_else(|| owed.left(request, spans));
-            if anything.is_none() && left.is_zero() {
-                break;
-            }
-            self.departure.away_for(left + self.timeout);
-            let heard = connection.wire().listen(number, left, self.timeout).await;
-            self.departure.look();
-            if connection.wire().heard_late().contains(&number) {
-                owed.distrust();
-            }
-            heard?;
-            if anything.is_some() {
-                owed.is_quiet();
-            }
-        }
-        if !connection.wire().has_transaction_id() {
-            connection.wire().pass_over(self.units.owed.marks().collect());
-            self.units.owed.each().for_each(|owed| owed.forget(spans));
-        }
-        Ok(())
     }
 
     async fn connect(&mut self, now: Moment) -> Result<(), Fault> {

@@ -1,4 +1,5 @@
-//! What a unit may still say whose answers do not name their question (RTU), and what it may be asked meanwhile.
+//! What a unit may still say whose answers do not name their question, and what it may be asked meanwhile. Such units are
+//! those on a line of RTU frames, and those behind a gateway that stamps a late answer with the transaction that is open.
 //!
 //! After a miss its answer may still come. Until then
 //! - a question whose answer is told apart from that one, by function or length, need not wait: what is owed is passed
@@ -87,6 +88,25 @@ impl Mark {
         Mark { function: request.function(), form }
     }
 
+    /// That of this answer to a read; `None` of any other message.
+    pub(super) fn of_answer(pdu: &[u8]) -> Option<Mark> {
+        match *pdu {
+            [function @ 1..=4, bytes, ..] => Some(Mark { function, form: [u16::from(bytes), 0] }),
+            _ => None,
+        }
+    }
+
+    /// That of the answer to this question of a read; `None` of any other message.
+    pub(super) fn of_question(pdu: &[u8]) -> Option<Mark> {
+        let [function @ 1..=4, _, _, high, low] = *pdu else { return None };
+        let count = u16::from_be_bytes([high, low]);
+        let (most, bytes) = match function {
+            1 | 2 => (2000, count.div_ceil(8)),
+            _ => (125, 2 * count.min(125)),
+        };
+        (1..=most).contains(&count).then_some(Mark { function, form: [bytes, 0] })
+    }
+
     /// Whether the content of a frame bears it.
     pub(super) fn is_on(self, pdu: &[u8]) -> bool {
         let word = |at: usize| Some(u16::from_be_bytes([*pdu.get(at)?, *pdu.get(at + 1)?]));
@@ -157,6 +177,11 @@ impl Owed {
         self.anything.map(|since| since.left_of(spans.grace))
     }
 
+    /// Returns whether an answer of it may still come.
+    pub(super) fn is_owing(&self) -> bool {
+        self.anything.is_some() || !self.late.is_empty()
+    }
+
     /// It was listened to until nothing is owed any more.
     pub(super) fn is_quiet(&mut self) {
         self.anything = None;
@@ -175,6 +200,11 @@ impl Owed {
     /// An answer of a prompt unit comes within this.
     fn prompt_span(&self) -> Duration {
         self.longest[0].max(self.longest[1]).max(SHORTEST) * FACTOR
+    }
+
+    /// Returns within what time a second answer of it comes, if it has been asked twice.
+    pub(super) fn second_within(&self, timeout: Duration) -> Duration {
+        if self.is_prompt() { self.prompt_span().min(timeout) } else { timeout }
     }
 
     /// It has answered, after so long; or within what it takes as often, where a question had to be repeated.

@@ -9,6 +9,8 @@
 //!   taken for the answer ([`super::owed`]). What it owes is passed over here when it comes.
 //! - Where an adapter without echo suppression lets us hear ourselves, the first read shows it, and from then on every
 //!   request is expected back before its answer.
+//! - Bytes equal to the question are no answer to a read. The echo of a read of 17 to 24 bits from 0x0300 to 0x03FF has the
+//!   form of its answer.
 
 use std::io;
 use std::time::Duration;
@@ -19,16 +21,18 @@ use super::owed::Mark;
 use super::pdu;
 use super::port::{Port, Tapped, is_in_order};
 use super::trace::Tap;
-use super::wire::{Answer, Boxed, Ending, Request, Wire};
+use super::wire::{Answer, Boxed, Ending, Overheard, Request, Wire};
 use crate::clock::{Patience, Silence};
 use isotherm_profile::Serial;
 
 mod frame;
 
-use frame::Reply;
+use frame::{Frame, Reply};
 
 /// No more than this is kept while an answer is looked for.
 const MOST_KEPT: usize = 2 * frame::LONGEST;
+/// No more frames of other masters are noted at one exchange.
+const MOST_OVERHEARD: usize = 16;
 
 /// An open RTU line.
 pub struct Rtu {
@@ -47,6 +51,8 @@ pub struct Rtu {
     /// What units may still answer to questions that were given up, and those that have.
     owed: Vec<(u8, Mark)>,
     late: Vec<u8>,
+    /// Frames of other masters, each form once.
+    overheard: Vec<Overheard>,
     ending: Ending,
 }
 
@@ -64,14 +70,25 @@ impl Rtu {
             discarded: Vec::new(),
             owed: Vec::new(),
             late: Vec::new(),
+            overheard: Vec::new(),
             ending: Ending::Lost,
         }
     }
 
-    /// The answer, if it has come.
-    fn find_answer(&mut self, unit: u8, request: Request<'_>) -> Option<Result<Answer, Fault>> {
+    /// Returns the answer, or `None` until it has come. `question` is the frame of the request.
+    fn find_answer(
+        &mut self,
+        unit: u8,
+        request: Request<'_>,
+        question: &[u8],
+    ) -> Option<Result<Answer, Fault>> {
         loop {
             match frame::find(&self.received, unit) {
+                Reply::Own { pdu, end }
+                    if request.is_read() && self.received[pdu.start - 1..end] == *question =>
+                {
+                    self.received.drain(..end);
+                }
                 Reply::Own { pdu, end } => {
                     let own = Mark::of(request);
                     if self.is_owed(unit, &self.received[pdu.clone()], Some(own)) {
@@ -80,23 +97,27 @@ impl Rtu {
                         continue;
                     }
                     let behind = self.received.split_off(end);
-                    let answer = if self.is_unasked(&behind, unit) {
+                    let received = std::mem::take(&mut self.received);
+                    self.is_unasked(&received[..pdu.start - 1], unit, question);
+                    let answer = if self.is_unasked(&behind, unit, question) {
                         Err(Fault::UNASKED)
                     } else {
-                        pdu::answer(request, &self.received[pdu])
+                        pdu::answer(request, &received[pdu.clone()])
                     };
-                    self.received.clear();
+                    if matches!(answer, Err(Fault::Peer(PeerFault::Function | PeerFault::Length))) {
+                        self.overhear(unit, Mark::of_answer(&received[pdu]), false);
+                    }
                     return Some(answer);
                 }
                 Reply::Foreign { end } => {
-                    let frame = frame::all(&self.received[..end]).last();
-                    match frame
-                        .filter(|(unit, pdu, _)| self.is_owed(*unit, &self.received[pdu.clone()], None))
-                    {
+                    let left = self.received.split_off(end);
+                    let received = std::mem::replace(&mut self.received, left);
+                    let foreign = frame::all(&received).last();
+                    match foreign.filter(|(unit, pdu, _)| self.is_owed(*unit, &received[pdu.clone()], None)) {
                         Some((unit, ..)) => self.late.push(unit),
                         None => self.heard = Some(PeerFault::Foreign),
                     }
-                    self.received.drain(..end);
+                    self.is_unasked(&received, unit, question);
                 }
                 Reply::Incomplete => {
                     let (_, answer) = frame::lengths(request);
@@ -187,17 +208,32 @@ impl Rtu {
         owed.into_iter().any(|(_, mark)| mark.is_on(pdu) || mark.is_refused_by(pdu))
     }
 
-    /// Whether a whole frame of the unit is among these bytes that nobody has asked for. What is owed is noted.
-    fn is_unasked(&mut self, bytes: &[u8], unit: u8) -> bool {
+    /// Returns whether a whole answer of the unit that no question here asked for is among these bytes. Notes late answers
+    /// and frames of other masters. `question` is the frame of the present request: an echo of it is no other's.
+    fn is_unasked(&mut self, bytes: &[u8], unit: u8, question: &[u8]) -> bool {
         let mut is_unasked = false;
-        for (speaker, pdu, _) in frame::all(bytes) {
-            if self.is_owed(speaker, &bytes[pdu], None) {
+        for Frame { unit: speaker, pdu, is_question } in frame::frames(bytes) {
+            let content = &bytes[pdu.clone()];
+            if is_question {
+                if bytes[pdu.start - 1..pdu.end + 2] != *question {
+                    self.overhear(speaker, Mark::of_question(content), true);
+                }
+            } else if self.is_owed(speaker, content, None) {
                 self.late.push(speaker);
             } else {
                 is_unasked |= speaker == unit;
+                self.overhear(speaker, Mark::of_answer(content), false);
             }
         }
         is_unasked
+    }
+
+    /// Notes a frame of another master.
+    fn overhear(&mut self, unit: u8, form: Option<Mark>, is_question: bool) {
+        let overheard = Overheard { unit, form, is_question };
+        if self.overheard.len() < MOST_OVERHEARD && !self.overheard.contains(&overheard) {
+            self.overheard.push(overheard);
+        }
     }
 
     /// Whether a whole frame of the unit is among what was discarded. It is forgotten with that.
@@ -226,7 +262,7 @@ impl Wire for Rtu {
             let silence = self.serial.map_or(Duration::ZERO, |serial| serial.silence());
             self.wait_for_silence(silence).await?;
             let discarded = std::mem::take(&mut self.discarded);
-            if self.is_unasked(&discarded, unit) {
+            if self.is_unasked(&discarded, unit, &[]) {
                 return Err(Fault::UNASKED);
             }
             self.heard = None;
@@ -248,7 +284,7 @@ impl Wire for Rtu {
                 } else if echo_is_due && question.starts_with(&self.received) {
                     continue;
                 }
-                if let Some(answer) = self.find_answer(unit, request) {
+                if let Some(answer) = self.find_answer(unit, request, &question) {
                     return answer;
                 }
             }
@@ -275,6 +311,10 @@ impl Wire for Rtu {
 
     fn heard_late(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.late)
+    }
+
+    fn overheard(&mut self) -> Vec<Overheard> {
+        std::mem::take(&mut self.overheard)
     }
 
     fn ending(&mut self) -> Ending {

@@ -27,6 +27,17 @@ pub enum Ending {
     Kept,
 }
 
+/// A whole frame that neither asks nor answers anything for this line: another master speaks there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Overheard {
+    /// Unit that is asked or answers.
+    pub unit: u8,
+    /// Form of the answer; `None` if it is no read.
+    pub form: Option<Mark>,
+    /// It is a request, not an answer.
+    pub is_question: bool,
+}
+
 /// An open connection.
 pub trait Wire: Send {
     /// Sends the request and waits for its answer, for as long as it takes. The answer has been checked against the
@@ -59,6 +70,11 @@ pub trait Wire: Send {
 
     /// The units that have answered such a question since this was last asked.
     fn heard_late(&mut self) -> Vec<u8> {
+        Vec::new()
+    }
+
+    /// Returns the frames of other masters since the last call.
+    fn overheard(&mut self) -> Vec<Overheard> {
         Vec::new()
     }
 

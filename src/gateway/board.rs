@@ -17,6 +17,8 @@ pub(super) struct Board {
     latest: Latest,
     /// Rate of change of each signal.
     rates: Vec<RateFilter>,
+    /// The last value of each signal as it was read.
+    read: Vec<Option<(Result<f64, Reason>, Moment)>>,
     /// Where the counters are, with their rollovers.
     tracked: Vec<Tracked>,
     /// The position before and after a counter was set anew, until it is reported.
@@ -67,6 +69,7 @@ impl Board {
                 failing: vec![None; signals],
             },
             rates: vec![RateFilter::default(); signals],
+            read: vec![None; signals],
             tracked: vec![Tracked::default(); signals],
             rereferenced: vec![None; signals],
             seen: vec![Reading::NEVER; signals],
@@ -78,6 +81,7 @@ impl Board {
     /// good value, also over breaks of its device's continuity, of which there were this many.
     pub(super) fn store(&mut self, id: SignalId, value: Result<f64, Reason>, at: Moment, breaks: u64) {
         self.latest.failing[id.0] = None;
+        self.read[id.0] = Some((value, at));
         let position = value.and_then(|value| self.position(id, value, at));
         let signal = self.latest.profile.signal(id);
         let judged = position.and_then(|value| {
@@ -94,6 +98,48 @@ impl Board {
             Ok(value) => Reading::good(value, at),
             Err(reason) => Reading::bad(at, reason),
         };
+    }
+
+    /// Takes in a value that may be the answer to a question of another master. It is used only if the value read before it agrees:
+    /// within `max_rate`, or exactly if the signal has none. Otherwise the last good value serves until it is stale.
+    pub(super) fn store_ambiguous(
+        &mut self,
+        id: SignalId,
+        value: Result<f64, Reason>,
+        at: Moment,
+        breaks: u64,
+    ) {
+        let (rate, max_age) =
+            (self.latest.profile.signal(id).max_rate, self.latest.profile.signal(id).max_age);
+        let before = self.read[id.0].replace((value, at)).filter(|(_, taken)| at.since(*taken) <= max_age);
+        let agrees = match (value, before, rate) {
+            (Ok(value), Some((Ok(before), taken)), Some(rate)) => {
+                !is_too_fast((value, at), (before, taken), rate)
+            }
+            (value, Some((before, _)), _) => value == before,
+            (_, None, _) => false,
+        };
+        if agrees {
+            self.store(id, value, at, breaks);
+        } else {
+            self.fail(id, Reason::BadReply);
+        }
+    }
+
+    /// The last reading may be the answer to a question of another master that was noticed only after it. Without `max_rate` nothing
+    /// spoke against it, so it is not used any more.
+    pub(super) fn doubt(&mut self, id: SignalId) {
+        let reading = &mut self.latest.readings[id.0];
+        if reading.quality == Quality::Good && self.latest.profile.signal(id).max_rate.is_none() {
+            *reading = Reading::bad(reading.at, Reason::BadReply);
+        }
+        self.read[id.0] = None;
+    }
+
+    /// An answer came that may be another master's, and so did a second one: neither says anything of the signal.
+    pub(super) fn store_contested(&mut self, id: SignalId) {
+        self.read[id.0] = None;
+        self.fail(id, Reason::BadReply);
     }
 
     /// A counter's value with its rollovers; any other value as it is.
@@ -203,6 +249,13 @@ impl Board {
         }
         changes
     }
+}
+
+/// Returns whether a value has changed faster than `rate` allows since the one before.
+fn is_too_fast((value, at): (f64, Moment), (before, taken): (f64, Moment), rate: f64) -> bool {
+    // A second at least: two polls close together must not make noise look fast.
+    let seconds = at.since(taken).as_secs_f64().max(1.0);
+    (value - before).abs() > rate * seconds
 }
 
 impl Latest {

@@ -8,13 +8,14 @@ use super::core::Core;
 use super::shared::Shared;
 use super::signing;
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::line::Witness;
+use crate::fieldbus::line::{Attribution, Witness};
 use crate::fieldbus::wire::{CanRequest, Request};
 use crate::observe::events::Event;
 use isotherm_core::continuity::Break;
+use isotherm_core::explained::Explained;
 use isotherm_core::output::Beat;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{Arm, BusId, DeviceId, OnStop, OutputId};
+use isotherm_profile::{Arm, BusId, DeviceId, OnStop, OutputId, Signal};
 
 /// A step of an axis looks whether the computer's clock was set, but not more often than this.
 const DAY_EVERY: Duration = Duration::from_millis(100);
@@ -188,6 +189,32 @@ impl Witness for LineHandle {
         self.core().events.push(Event::PipelineGivenUp { bus, fault: fault.to_string() });
     }
 
+    /// Reported for each form of its answers that is new.
+    fn shares_line(&self, attribute: &dyn Fn(u8, Request<'_>) -> Attribution) {
+        let mut ids = Vec::new();
+        for (id, device) in self.profile.devices_on(self.bus) {
+            for request in self.profile.requests(id) {
+                if attribute(device.unit, Request::from(&request.asks)) == Attribution::Ambiguous {
+                    ids.extend(request.fields.iter().map(|field| field.signal));
+                }
+            }
+        }
+        let bus = self.profile.bus(self.bus);
+        let (name, address) = (bus.name.clone(), bus.address.clone());
+        let signals: Vec<&Signal> = ids.iter().map(|id| self.profile.signal(*id)).collect();
+        let what = another_master(&signals);
+        let mut core = self.core();
+        ids.into_iter().for_each(|id| core.board.doubt(id));
+        core.events.push(Event::BusTrouble { bus: name, address, what });
+    }
+
+    fn has_line_alone(&self, frames: u64, within: Duration) {
+        let bus = self.profile.bus(self.bus);
+        let (bus, address) = (bus.name.clone(), bus.address.clone());
+        let what = "messages of another master";
+        self.core().events.push(Event::BusWell { bus, address, count: frames, what, within });
+    }
+
     /// Once, until there is something else to say: a server is asked anew on each connection.
     fn subscribes(&self, device: DeviceId, what: String) {
         let mut core = self.core();
@@ -199,4 +226,32 @@ impl Witness for LineHandle {
             events.push(Event::Subscription { device, what });
         }
     }
+}
+
+/// Signals that are named in a message; the others are counted.
+const NAMED: usize = 8;
+
+/// Explains that another master is on a line. The answers to its questions could be those of these signals.
+fn another_master(signals: &[&Signal]) -> Explained {
+    let list = |signals: &[&Signal]| {
+        let named: Vec<&str> = signals.iter().take(NAMED).map(|signal| signal.name.as_str()).collect();
+        let more = signals.len().saturating_sub(NAMED);
+        if more == 0 { named.join(", ") } else { format!("{} and {more} more", named.join(", ")) }
+    };
+    let mut cause =
+        "another master is on the line: messages came that no question of this gateway asked for".to_owned();
+    if !signals.is_empty() {
+        let agree = "its answers look like those of these signals, which are used only if two in a row agree";
+        cause += &format!("; {agree}: {}", list(signals));
+        let (_, unlimited): (Vec<&Signal>, Vec<&Signal>) =
+            signals.iter().copied().partition(|signal| signal.max_rate.is_some());
+        if !unlimited.is_empty() {
+            let same = "without `max_rate` two equal answers of the other master cannot be distinguished from theirs";
+            cause += &format!("; {same}: {}", list(&unlimited));
+        }
+    }
+    Explained::new(
+        cause,
+        "one master per line: disconnect the other one, or let it read the values elsewhere",
+    )
 }

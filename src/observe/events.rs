@@ -248,7 +248,7 @@ pub enum Event {
     Emergency { device: String, what: Explained },
     /// It does not any more; so many messages came.
     EmergencyOver { device: String, count: u64 },
-    /// The controller, the queue or the receiver of a CAN line is in trouble.
+    /// The controller, the queue or the receiver of a CAN line is in trouble, or another master is on a serial line.
     BusTrouble { bus: String, address: String, what: Explained },
     /// It is over.
     BusWell {

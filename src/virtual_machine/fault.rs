@@ -104,7 +104,14 @@ pub(crate) enum ReplyFault {
     LongRead,
     WrongEcho,
     IgnoredWrite,
-    OneBehind { stale_transaction: bool },
+    OneBehind {
+        stale_transaction: bool,
+    },
+    /// A gateway in front of the unit gives up, with this code or silently, and stamps the late answer with the open transaction.
+    Shift {
+        delay: Duration,
+        code: Option<u8>,
+    },
 }
 
 /// What can be wrong with a device on a CAN line beside what can be wrong with any.

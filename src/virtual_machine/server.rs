@@ -16,6 +16,7 @@ use super::fault::ReplyFault;
 use super::hardware::{Hardware, Reply};
 use super::modbus::{Framing, Header, NO_SUCH_UNIT, exception};
 use super::plant::stream;
+use super::serial_side::SerialSide;
 use crate::clock::{Clock, Passing};
 use isotherm_profile::{DeviceId, Serial};
 
@@ -27,7 +28,7 @@ pub(super) struct Shared {
 }
 
 /// One listener with the units behind it.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(super) struct Line {
     pub(super) units: Vec<(u8, DeviceId)>,
     pub(super) framing: Framing,
@@ -35,6 +36,8 @@ pub(super) struct Line {
     pub(super) unknown_unit: UnknownUnit,
     /// A late answer waits in parts of this length, as a gateway in the same process does: a busy computer delays both alike.
     pub(super) slice: Duration,
+    /// Used if the line is Modbus TCP.
+    pub(super) serial_side: SerialSide,
     pub(super) shared: Shared,
 }
 
@@ -212,6 +215,13 @@ where
         }
         while let Some((header, pdu)) = framing.request(&received).map_err(|_| io::ErrorKind::InvalidData)? {
             let reply = line.answer(header.unit, &received[pdu.clone()]);
+            let (reply, wait) = match framing {
+                Framing::Tcp => line.serial_side.pass(header.unit, &received[pdu.clone()], reply),
+                Framing::Rtu => (reply, Duration::ZERO),
+            };
+            if !wait.is_zero() {
+                sleep_in_slices(wait, line.slice).await;
+            }
             let asked = received.drain(..pdu.end + framing.trailer()).len();
             let bytes = match responder.say(header, &reply) {
                 Say::Bytes(bytes) => bytes,

@@ -126,3 +126,33 @@ fn a_serial_line_is_explained_with_its_settings_and_the_time_that_its_polls_take
     let sum: f64 = serial["polls"].as_array().unwrap().iter().map(share).sum();
     assert!((serial["load_percent"].as_f64().unwrap() - 100.0 * sum).abs() < 1e-9, "{serial}");
 }
+
+#[test]
+fn a_gateway_is_taken_for_there_if_units_share_a_connection_unless_a_quirk_says_otherwise() {
+    let behind = |text: &str| -> Vec<bool> {
+        let profile = parse(text).unwrap_or_else(|errors| panic!("{errors}")).profile;
+        let devices = (0..profile.devices.len()).map(isotherm_profile::DeviceId);
+        devices.map(|device| profile.is_behind_gateway(device)).collect()
+    };
+    let (bus, device) = ("max_gap = 4 }", "quirks = { max_gap = 0 }");
+    assert_eq!(behind(GRINDER), [true; 4], "four units");
+    let none = GRINDER.replacen(bus, "gateway = false }", 1);
+    assert_eq!(behind(&none), [false; 4]);
+    assert_eq!(behind(&none.replacen(device, "quirks = { gateway = true }", 1)), [false, false, true, false]);
+    let shown =
+        |text: &str| isotherm_profile::preview::Preview::of(&parse(text).unwrap().profile).to_string();
+    assert!(shown(GRINDER).contains("as behind a gateway to a serial line (`quirks.gateway`): "));
+    assert!(!shown(&none).contains("behind a gateway"));
+}
+
+#[test]
+fn a_line_of_rtu_frames_has_no_gateway_that_stamps_transactions() {
+    let with_gateway = GRINDER.replacen("max_gap = 4 }", "gateway = true }", 1);
+    let line = with_gateway.replacen("type = \"modbus-tcp\"", "type = \"modbus-rtu-over-tcp\"", 1);
+    let error = only_error(&line, "bus.cell.quirks.gateway", "gateway");
+    assert!(error.to_string().contains("belongs to a modbus-tcp line"), "{error}");
+    let line = GRINDER.replacen("type = \"modbus-tcp\"", "type = \"modbus-rtu-over-tcp\"", 1);
+    let line = line.replacen("quirks = { max_gap = 0 }", "quirks = { gateway = false }", 1);
+    let error = only_error(&line, "device.counter.quirks.gateway", "gateway");
+    assert!(error.to_string().contains("waits for late answers by itself"), "{error}");
+}

@@ -13,6 +13,7 @@
 //! - `written`: the places that a gateway writes to.
 //! - [`plan`], [`preview`]: which requests read a device; the tables' previews and the load of each line in one document.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -81,7 +82,7 @@ pub use tables::output::share::Share;
 pub use tables::output::stated::Stated;
 pub use tables::output::verify::Verify;
 pub use tables::output::writes::Writes;
-pub use tables::quirks::Quirks;
+pub use tables::quirks::{Gateway, Quirks};
 pub use tables::register::Flag;
 pub use tables::schema::schema;
 pub use tables::set::{OutputSet, OwnWord, Stretch};
@@ -185,6 +186,13 @@ impl Profile {
     pub fn devices_on(&self, bus: BusId) -> impl Iterator<Item = (DeviceId, &Device)> + Clone {
         let devices = self.devices.iter().enumerate().map(|(place, device)| (DeviceId(place), device));
         devices.filter(move |(_, device)| device.bus == bus)
+    }
+
+    /// Returns whether a device of a Modbus TCP line is behind a gateway to a serial line.
+    pub fn is_behind_gateway(&self, id: DeviceId) -> bool {
+        let device = self.device(id);
+        let units: BTreeSet<u8> = self.devices_on(device.bus).map(|(_, device)| device.unit).collect();
+        self.bus(device.bus).transport == Transport::Tcp && device.quirks.gateway.is_present(units.len())
     }
 
     /// The signals that are read from a device.

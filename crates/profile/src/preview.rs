@@ -14,6 +14,7 @@ use crate::{BusId, Device, DeviceId, Profile};
 
 mod can_line;
 pub mod checks;
+mod gateway;
 mod load;
 mod serial;
 mod stop;
@@ -57,7 +58,7 @@ impl Preview {
             };
             let can = bus.transport.is_can().then(|| can_line::preview(profile, id));
             let load = Load::of(profile, id).map(|load| load.preview());
-            let bus = bus.preview(serial, can, load);
+            let bus = bus.preview((serial, can), gateway::preview(profile, id), load);
             section.lines_of(&bus);
             devices.iter().filter(|(bus, _)| *bus == id).for_each(|(_, device)| section.lines_of(device));
             bus

@@ -8,6 +8,8 @@ use crate::fieldbus::wire::Wire;
 use isotherm_core::codec::{Register, Table};
 use isotherm_profile::{BusId, Functions, Quirks, ReadBy};
 
+mod gateway;
+
 /// What happens to one request or one attempt to connect.
 #[derive(Clone, Debug)]
 enum Turn {

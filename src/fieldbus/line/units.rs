@@ -8,7 +8,7 @@ use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
 use crate::fieldbus::owed::{Debts, Owed, Spans};
 use crate::fieldbus::wire::Request;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{Device, DeviceId, Functions, Quirks};
+use isotherm_profile::{Device, DeviceId, Functions, Quirks, Transport};
 
 /// No such unit is left alone for less after a miss: where timeouts are short, an answer may be later than four of them.
 const SHORTEST_REST: Duration = Duration::from_millis(750);
@@ -28,6 +28,8 @@ pub(super) struct Unit {
     pub(super) last_fault: Fault,
     /// Whether the unit has checks that must pass before it is used.
     pub(super) is_checked: bool,
+    /// A late answer of the unit may name the transaction of another question: a gateway to a serial line is in front of it.
+    pub(super) is_behind_gateway: bool,
     /// When it last answered.
     pub(super) heard: Moment,
 }
@@ -40,7 +42,11 @@ pub(super) struct Units {
 }
 
 impl Units {
-    pub(super) fn of(devices: &[(DeviceId, &Device)]) -> Units {
+    pub(super) fn of(transport: Transport, devices: &[(DeviceId, &Device)]) -> Units {
+        let is_tcp = transport == Transport::Tcp;
+        let mut numbers: Vec<u8> = devices.iter().map(|(_, device)| device.unit).collect();
+        numbers.sort_unstable();
+        numbers.dedup();
         let unit = |(id, device): &(DeviceId, &Device)| Unit {
             device: *id,
             number: device.unit,
@@ -49,9 +55,14 @@ impl Units {
             breaker: Backoff::new(FIRST_PAUSE, seed(&device.name)),
             last_fault: Fault::Link(LinkFault::Down),
             is_checked: device.is_checked(),
+            is_behind_gateway: is_tcp && device.quirks.gateway.is_present(numbers.len()),
             heard: Moment::default(),
         };
-        let owed = Debts::of_units(devices.iter().map(|(_, device)| device.unit));
+        let mut owed = Debts::of_units(devices.iter().map(|(_, device)| device.unit));
+        if is_tcp {
+            // A gateway has one question at a time on its line: an answer from before the start names no question of ours.
+            owed.each().for_each(Owed::is_quiet);
+        }
         Units { all: devices.iter().map(unit).collect(), owed }
     }
 
@@ -99,12 +110,14 @@ impl Units {
         spans: Spans,
     ) {
         let owed = self.owed(place);
-        let is_lost =
-            matches!(fault, Fault::Timeout | Fault::Peer(PeerFault::Malformed | PeerFault::Foreign));
+        let is_lost = fault.is_of_a_gateway()
+            || matches!(fault, Fault::Timeout | Fault::Peer(PeerFault::Malformed | PeerFault::Foreign));
         if !is_lost {
             owed.distrust();
         }
-        let may_be_asked = owed.misses(request, asked, now.after(spans.timeout));
+        // A gateway says so at once, and a timeout when it is over.
+        let missed = if fault.is_of_a_gateway() { now } else { now.after(spans.timeout) };
+        let may_be_asked = owed.misses(request, asked, missed);
         self.all[place].last_fault = fault;
         if !may_be_asked {
             self.rest(place, fault, now, spans);

@@ -3,6 +3,7 @@
 //! Frames are told apart by length and checksum, not by gaps: adapters on USB and on the network tear frames apart and
 //! put them together as they like.
 
+use crate::fieldbus::owed::Mark;
 use crate::fieldbus::pdu;
 use crate::fieldbus::request::Request;
 use isotherm_core::codec::{Table, checksum};
@@ -11,6 +12,8 @@ use isotherm_core::codec::{Table, checksum};
 pub(super) const LONGEST: usize = 256;
 /// Unit and checksum.
 const AROUND: usize = 3;
+/// The frame of a read request.
+const QUESTION: usize = 8;
 /// The flag of an exception in the function code.
 const EXCEPTION: u8 = 0x80;
 
@@ -84,6 +87,40 @@ pub(super) fn all(bytes: &[u8]) -> impl Iterator<Item = (u8, std::ops::Range<usi
         }
         None
     })
+}
+
+/// A whole frame in what was received.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Frame {
+    pub(super) unit: u8,
+    pub(super) pdu: std::ops::Range<usize>,
+    /// The frame is a read request: another master sends it.
+    pub(super) is_question: bool,
+}
+
+/// Every whole answer and every whole read request, one after another.
+pub(super) fn frames(bytes: &[u8]) -> Vec<Frame> {
+    let (mut frames, mut start) = (Vec::new(), 0);
+    while start < bytes.len() {
+        let left = &bytes[start..];
+        let answer = whole(left).map(|length| (length, false));
+        let Some((length, is_question)) =
+            answer.or_else(|| whole_question(left).map(|length| (length, true)))
+        else {
+            start += 1;
+            continue;
+        };
+        frames.push(Frame { unit: bytes[start], pdu: start + 1..start + length - 2, is_question });
+        start += length;
+    }
+    frames
+}
+
+/// The length of the read request that begins here, if it is there to its end and its checksum is right.
+fn whole_question(bytes: &[u8]) -> Option<usize> {
+    let (body, sum) = bytes.get(..QUESTION)?.split_at(QUESTION - 2);
+    Mark::of_question(&body[1..])?;
+    (checksum(body).to_le_bytes() == *sum).then_some(QUESTION)
 }
 
 /// The length of the answer that begins here, if it is there to its end and its checksum is right.

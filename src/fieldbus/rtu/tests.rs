@@ -179,6 +179,61 @@ async fn an_adapter_that_lets_us_hear_ourselves_is_seen_at_the_first_read_and_no
 }
 
 #[tokio::test(start_paused = true)]
+async fn frames_of_another_master_are_noted_and_neither_echoes_nor_late_answers_are() {
+    let (mut wire, mut device) = line();
+    let theirs = Request::Read { from: Register { table: Table::Holding, offset: 300 }, count: 1 };
+    let said = |unit| [frame::request(unit, theirs), framed(unit, &[3, 2, 0, 9])];
+    let form = Some(Mark::of(theirs));
+    let noted = |unit| [true, false].map(|is_question| Overheard { unit, form, is_question });
+    device.write_all(&said(3).concat()).await.unwrap();
+    assert_eq!(wire.exchange(3, READ, &mut whenever()).await, Err(Fault::UNASKED));
+    assert_eq!(wire.overheard(), noted(3));
+    assert_eq!(wire.overheard(), []);
+    let before = [said(8).concat(), registers(1, 2)].concat();
+    assert_eq!(asked(&mut wire, &mut device, READ, &before).await, good());
+    assert_eq!(wire.overheard(), noted(8));
+    let length = Err(Fault::Peer(PeerFault::Length));
+    assert_eq!(asked(&mut wire, &mut device, READ, &said(3)[1]).await, length);
+    assert_eq!(wire.overheard(), noted(3)[1..]);
+    let echoed = [frame::request(3, READ), registers(1, 2)].concat();
+    assert_eq!(asked(&mut wire, &mut device, READ, &echoed).await, good());
+    wire.pass_over(vec![(8, Mark::of(theirs))]);
+    let late = [frame::request(3, READ), framed(8, &[3, 2, 0, 9]), registers(1, 2)].concat();
+    assert_eq!(asked(&mut wire, &mut device, READ, &late).await, good());
+    assert_eq!((wire.overheard(), wire.heard_late()), (Vec::new(), vec![8]));
+}
+
+/// The echo of such a read has the form of its answer: three bytes of bits.
+#[tokio::test(start_paused = true)]
+async fn the_echo_of_a_read_is_no_answer_whatever_it_looks_like() {
+    for (table, offset, count) in [Table::Coil, Table::Discrete].into_iter().flat_map(|table| {
+        let offsets = [0x0300, 0x0301, 0x0380, 0x03ff];
+        offsets.into_iter().flat_map(move |offset| (17..=24).map(move |count| (table, offset, count)))
+    }) {
+        let read = Request::Read { from: Register { table, offset }, count };
+        let echo = frame::request(3, read);
+        let answer = framed(3, &[read.function(), 3, 0b101, 0, 0]);
+        let mut bits = vec![false; usize::from(count)];
+        (bits[0], bits[2]) = (true, true);
+        let (mut wire, mut device) = line();
+        assert_eq!(asked(&mut wire, &mut device, read, &echo).await, Err(Fault::Timeout), "{read:?}");
+        let both = [echo.as_slice(), &answer].concat();
+        assert_eq!(
+            asked(&mut wire, &mut device, read, &both).await,
+            Ok(Answer::Bits(bits.clone())),
+            "{read:?}"
+        );
+        let noisy = [&[0xff], both.as_slice()].concat();
+        assert_eq!(asked(&mut wire, &mut device, read, &noisy).await, Ok(Answer::Bits(bits.clone())));
+        // Once another read has shown the echo, each question is expected back.
+        let shows = [frame::request(3, READ).as_slice(), &registers(1, 2)].concat();
+        assert_eq!(asked(&mut wire, &mut device, READ, &shows).await, good());
+        assert_eq!(asked(&mut wire, &mut device, read, &echo).await, Err(Fault::Timeout), "{read:?}");
+        assert_eq!(asked(&mut wire, &mut device, read, &both).await, Ok(Answer::Bits(bits)), "{read:?}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_connection_that_ends_while_idle_is_told_apart_from_one_that_breaks_under_a_question() {
     let (mut wire, device) = line();
     drop(device);

@@ -173,3 +173,66 @@ fn a_reason_after_a_silent_device_is_reported_and_so_is_its_end() {
     assert_eq!(look(5, Err(Reason::OpenCircuit)), [Change::Lost(BED, Reason::OpenCircuit)]);
     assert_eq!(look(6, Ok(20.0)), [Change::Back(BED, at(3))]);
 }
+
+#[test]
+fn an_ambiguous_value_is_used_only_if_the_one_before_it_agrees() {
+    let profile = profile();
+    let mut board = board(&profile);
+    let value = |board: &Board, seconds| board.value(BED, at(seconds));
+    board.store(OPEN, Ok(0.0), at(30), 0);
+    board.store_ambiguous(BED, Ok(21.0), at(1), 0);
+    assert_eq!(value(&board, 1), Some(21.0), "within max_rate of the one before");
+    board.store_ambiguous(BED, Ok(41.2), at(2), 0);
+    assert_eq!(value(&board, 2), Some(21.0), "the last good one serves meanwhile");
+    board.store_ambiguous(BED, Ok(21.1), at(3), 0);
+    assert_eq!(value(&board, 3), Some(21.0), "the one before it was another");
+    board.store_ambiguous(BED, Ok(21.2), at(4), 0);
+    assert_eq!(value(&board, 4), Some(21.2));
+    for second in 5..12 {
+        board.store_ambiguous(BED, Ok(if second % 2 == 0 { 21.2 } else { 41.2 }), at(second), 0);
+    }
+    assert_eq!(quality(&mut board, at(12)), Quality::Bad(Reason::BadReply), "none agreed until it was stale");
+    // A contested answer says nothing, and the next one has none before it.
+    board.store(BED, Ok(21.0), at(15), 0);
+    board.store_contested(BED);
+    assert_eq!(value(&board, 15), Some(21.0));
+    board.store_ambiguous(BED, Ok(21.1), at(16), 0);
+    assert_eq!(value(&board, 16), Some(21.0));
+    board.store_ambiguous(BED, Ok(21.1), at(17), 0);
+    assert_eq!(value(&board, 17), Some(21.1));
+    // Two of the other in a row change too fast since the last that was used, as long as that is young.
+    board.store(BED, Ok(21.0), at(20), 0);
+    board.store_ambiguous(BED, Ok(41.2), at(21), 0);
+    board.store_ambiguous(BED, Ok(41.2), at(22), 0);
+    assert_eq!(quality(&mut board, at(22)), Quality::Bad(Reason::TooFast));
+}
+
+#[test]
+fn without_max_rate_two_values_agree_if_they_are_the_same() {
+    let profile = profile();
+    let mut board = board(&profile);
+    let value = |board: &Board, seconds| board.value(OPEN, at(seconds));
+    for (second, read, used) in [(1, 1.0, 0.0), (2, 1.0, 1.0), (3, 0.0, 1.0), (4, 1.0, 1.0), (5, 1.0, 1.0)] {
+        board.store_ambiguous(OPEN, Ok(read), at(second), 0);
+        assert_eq!(value(&board, second), Some(used), "second {second}");
+    }
+    board.store_ambiguous(OPEN, Err(Reason::NotANumber), at(6), 0);
+    assert_eq!(value(&board, 6), Some(1.0));
+    board.store_ambiguous(OPEN, Err(Reason::NotANumber), at(7), 0);
+    assert_eq!(value(&board, 7), None);
+}
+
+#[test]
+fn a_reading_before_another_master_was_noticed_serves_on_only_if_its_rate_was_checked() {
+    let profile = profile();
+    let mut board = board(&profile);
+    board.doubt(BED);
+    assert_eq!(board.latest().taken(BED), at(0));
+    assert_eq!(board.value(BED, at(1)), Some(20.0), "it has max_rate");
+    board.doubt(OPEN);
+    assert_eq!(board.value(OPEN, at(1)), None);
+    board.store_ambiguous(OPEN, Ok(0.0), at(2), 0);
+    assert_eq!(board.value(OPEN, at(2)), None, "the one before it may have been another's");
+    board.store_ambiguous(OPEN, Ok(0.0), at(3), 0);
+    assert_eq!(board.value(OPEN, at(3)), Some(0.0));
+}

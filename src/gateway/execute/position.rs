@@ -296,7 +296,7 @@ async fn write(
     let at = output.reads_at();
     let request = Request::read(&at, output.encoding.data_type);
     let request = request.ok_or((Fault::Caller(CallerFault::Function), Outcome::Unknown))?;
-    let read = turn.line.request(output.device, request, Leave::Whenever).await;
+    let read = turn.line.read_confirmed(output.device, request).await;
     let answer = read.and_then(|answered| answered.answer.believed());
     let answer = answer.map_err(|fault| (fault, Outcome::Unknown))?;
     Ok(Some(Encoded::of(answer.registers())))

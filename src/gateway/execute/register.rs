@@ -6,7 +6,6 @@ use std::time::Duration;
 use super::demand::{Decision, OutputDemand};
 use super::failures::{Access, Failures};
 use super::{DISK_PATIENCE, LineTurn, REMEMBERED, report};
-use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::explain::advised_on;
 use crate::fieldbus::wire::Request;
@@ -212,7 +211,7 @@ impl Register {
         let asked = turn.line.looked();
         let applied = output.applied.as_ref().filter(|_| asked >= controller.applied_due(&self.settings))?;
         let request = Request::Read { from: applied.address, count: applied.encoding.data_type.registers() };
-        Some(match turn.line.request(output.device, request, Leave::Whenever).await {
+        Some(match turn.line.read_confirmed(output.device, request).await {
             Ok(answered) => {
                 let found = applied.encoding.decode(answered.answer.registers()).ok();
                 self.failures_applied.result(Input::Fact(Fact::Read { found: Counts::ZERO, asked }));

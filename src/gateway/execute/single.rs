@@ -95,7 +95,7 @@ impl Single {
         let at = output.reads_at();
         let request = Request::read(&at, output.encoding.data_type);
         let read = match request {
-            Some(request) => turn.line.request(output.device, request, Leave::Whenever).await,
+            Some(request) => turn.line.read_confirmed(output.device, request).await,
             None => Err(Fault::Caller(CallerFault::Function)),
         };
         match read.and_then(|answered| Ok((answered.answer.believed()?, answered.asked))) {

@@ -39,7 +39,7 @@ pub(super) async fn read(
     let Some(request) = Request::read(&address, data_type) else {
         return Err(Fault::Caller(CallerFault::Function));
     };
-    let answered = turn.line.request(device, request, Leave::Whenever).await?;
+    let answered = turn.line.read_confirmed(device, request).await?;
     Ok(match (answered.answer.believed()?, acknowledge) {
         (Answer::Bits(bits), _) => bits.first().copied().unwrap_or_default(),
         (answer, Bit::Flag(flag)) => answer.registers().first().is_some_and(|register| flag.is_up(*register)),

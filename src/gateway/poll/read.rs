@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::stamps::SourceStamps;
 use super::{Captures, Overruns};
-use crate::fieldbus::line::DeviceLine;
+use crate::fieldbus::line::{Attribution, DeviceLine};
 use crate::fieldbus::wire::Request;
 use crate::gateway::line_handle::LineHandle;
 use isotherm_core::quantity::Moment;
@@ -161,7 +161,13 @@ impl Poll {
                     let (value, taken) = stamped.believed(stamp, value, asked);
                     core.contact.stamped[field.signal.0] = stamped.age(stamp);
                     let breaks = core.devices.of(self.device).breaks_so_far();
-                    core.board.store(field.signal, value, taken, breaks);
+                    match answered.attribution {
+                        Attribution::Ours => core.board.store(field.signal, value, taken, breaks),
+                        Attribution::Ambiguous => {
+                            core.board.store_ambiguous(field.signal, value, taken, breaks);
+                        }
+                        Attribution::Contested => core.board.store_contested(field.signal),
+                    }
                 }
                 (Err(fault), _) | (_, &Err(fault)) => core.board.fail(field.signal, fault.reason()),
             }

@@ -27,7 +27,7 @@ use Lines::{Any, Can, Modbus};
 type Make = fn(&mut FaultFile, &Profile) -> Result<Kind, String>;
 
 /// Every kind of fault.
-const KINDS: [(&str, Lines, Make); 33] = [
+const KINDS: [(&str, Lines, Make); 34] = [
     ("silent", Any, |_, _| reply(ReplyFault::Silent)),
     ("late", Any, |file, _| reply(ReplyFault::Late(file.delay()?))),
     ("exception", Modbus, |file, _| file.exception()),
@@ -46,6 +46,7 @@ const KINDS: [(&str, Lines, Make); 33] = [
     ("ignored-write", Any, |_, _| reply(ReplyFault::IgnoredWrite)),
     ("one-behind", Modbus, |_, _| reply(ReplyFault::OneBehind { stale_transaction: false })),
     ("one-behind-stale", Modbus, |_, _| reply(ReplyFault::OneBehind { stale_transaction: true })),
+    ("shift", Modbus, |file, _| file.shift()),
     ("sentinel", Any, FaultFile::broken_signal),
     ("nan", Any, FaultFile::broken_signal),
     ("value", Any, FaultFile::broken_signal),
@@ -149,6 +150,9 @@ impl FaultFile {
             {
                 return Err("an RTU line has no transactions".to_owned());
             }
+            Kind::Reply(ReplyFault::Shift { .. }) if !is_tcp => {
+                return Err("an RTU line has no gateway that stamps transactions".to_owned());
+            }
             Kind::Reply(ReplyFault::WrongChecksum) if is_tcp => {
                 return Err("Modbus TCP has no checksum of its own".to_owned());
             }
@@ -194,6 +198,11 @@ impl FaultFile {
     fn exception(&mut self) -> Result<Kind, String> {
         let code = self.code.take().ok_or("`code` is missing, for example 4")?;
         reply(ReplyFault::Exception(u8::try_from(code).map_err(|_| "`code` is 255 at most")?))
+    }
+
+    fn shift(&mut self) -> Result<Kind, String> {
+        let code = self.code.take().map(u8::try_from).transpose().map_err(|_| "`code` is 255 at most")?;
+        reply(ReplyFault::Shift { delay: self.delay()?, code })
     }
 
     fn babbling(&mut self) -> Result<Kind, String> {

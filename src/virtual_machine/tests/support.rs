@@ -155,6 +155,7 @@ fn quirks() -> Quirks {
         max_registers_per_request: 125,
         max_gap: 0,
         close_after_each: false,
+        gateway: isotherm_profile::Gateway::ByUnits,
     }
 }
 

@@ -6,4 +6,5 @@
 mod answers;
 mod plugs;
 mod port;
+mod second_master;
 mod shared_line;

@@ -10,6 +10,7 @@ mod commissioning;
 mod counters;
 mod day;
 mod earlier;
+mod gateways;
 mod handshakes;
 mod keeping;
 mod law;

@@ -5,7 +5,7 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::quirks::{Quirks, RawQuirks};
+use super::quirks::{self, Quirks, RawQuirks};
 use super::{At, Check, sysfs};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
@@ -212,11 +212,11 @@ impl Transport {
 }
 
 impl Bus {
-    /// What it is made of, and what is said of its port, of its CAN interface and of what passes on it.
+    /// What it is made of, and what is said of its port, of its CAN interface, of a gateway and of what passes on it.
     pub(crate) fn preview(
         &self,
-        serial: Option<Section>,
-        can: Option<Section>,
+        (serial, can): (Option<Section>, Option<Section>),
+        gateway: Option<Section>,
         load: Option<Section>,
     ) -> Section {
         let kind = match self.transport {
@@ -252,6 +252,7 @@ impl Bus {
         }
         section.part("serial", serial);
         section.part("can", can);
+        section.part("gateway", gateway);
         section.part("load", load);
         section
     }
@@ -430,6 +431,9 @@ fn foreign_keys(at: &At<'_>, kind: BusType) {
     ];
     for (keys, owner, _) in owners.into_iter().filter(|(.., kinds)| !kinds.contains(&kind)) {
         at.foreign(keys, owner, "remove it, or change `type`");
+    }
+    if matches!(kind, BusType::ModbusRtu | BusType::ModbusRtuOverTcp) {
+        at.key("quirks").foreign(&["gateway"], quirks::OF_TCP, quirks::WAITS);
     }
 }
 

@@ -10,7 +10,7 @@ use super::bus::periods::EVERY;
 use super::bus::{APART, LineKind, Transport};
 use super::label::{self, labelled};
 use super::opcua::{ReadBy, SourceTime};
-use super::quirks::{Quirks, RawQuirks};
+use super::quirks::{self, Quirks, RawQuirks};
 use super::{At, Check, dbc};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
@@ -276,6 +276,9 @@ impl RawDevice {
         let quirks = self.quirks.as_ref().map_or(over, |quirks| quirks.over(over));
         if line.is_some_and(|line| line.pipeline > 1 && line.quirks.bear_two()) && !quirks.bear_two() {
             at.key("quirks").wrong(APART, "remove the quirk, or `pipeline` of the bus");
+        }
+        if line.is_some_and(|line| matches!(line.transport, Transport::Serial(_) | Transport::RtuOverTcp)) {
+            at.key("quirks").foreign(&["gateway"], quirks::OF_TCP, quirks::WAITS);
         }
         let kind = self.line_kind(check);
         let on_can = kind.map(|kind| kind == LineKind::Can);

@@ -7,6 +7,10 @@ use serde::Deserialize;
 
 use crate::duration::Timespan;
 
+/// Owner of `gateway`, and what to do about it on a line of RTU frames.
+pub(super) const OF_TCP: &str = "a modbus-tcp line";
+pub(super) const WAITS: &str = "remove it: a line of RTU frames waits for late answers by itself";
+
 /// Ways in which a device is peculiar.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -26,6 +30,9 @@ pub(crate) struct RawQuirks {
     max_gap: Option<u16>,
     /// The connection is closed after each answer, for a device that lets in one client at a time. Default false.
     close_after_each: Option<bool>,
+    /// The device is behind a gateway from Modbus TCP to a serial line: after a missed answer it is not asked before its late answer has had
+    /// its time. Default: true if two units or more share the modbus-tcp bus.
+    gateway: Option<bool>,
 }
 
 /// Ways in which a device is peculiar, by the names users know from Telegraf.
@@ -43,6 +50,31 @@ pub struct Quirks {
     pub max_gap: u16,
     /// The connection is closed after each answer.
     pub close_after_each: bool,
+    /// A gateway to a serial line in front of the device.
+    pub gateway: Gateway,
+}
+
+/// Whether a device of a Modbus TCP line is behind a gateway to a serial line.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Gateway {
+    /// Not said: it is if two units or more share the line.
+    #[default]
+    ByUnits,
+    /// It is.
+    Present,
+    /// It is not.
+    Absent,
+}
+
+impl Gateway {
+    /// Returns whether a device on a line with so many different units is behind a gateway.
+    pub const fn is_present(self, units: usize) -> bool {
+        match self {
+            Gateway::ByUnits => units > 1,
+            Gateway::Present => true,
+            Gateway::Absent => false,
+        }
+    }
 }
 
 impl Default for Quirks {
@@ -54,6 +86,7 @@ impl Default for Quirks {
             max_registers_per_request: 125,
             max_gap: 8,
             close_after_each: false,
+            gateway: Gateway::ByUnits,
         }
     }
 }
@@ -78,6 +111,11 @@ impl RawQuirks {
                 .unwrap_or(below.max_registers_per_request),
             max_gap: self.max_gap.unwrap_or(below.max_gap),
             close_after_each: self.close_after_each.unwrap_or(below.close_after_each),
+            gateway: match self.gateway {
+                None => below.gateway,
+                Some(true) => Gateway::Present,
+                Some(false) => Gateway::Absent,
+            },
         }
     }
 }

@@ -1,0 +1,201 @@
+//! Other masters on a line whose answers do not name their question.
+//!
+//! A second master on a serial line, or a second client of a serial server, asks the same units. An answer to its question that
+//! has the unit, function and length of an answer to ours cannot be distinguished from that. Frames that nobody here asked
+//! for show such a master. For [`AFTER`] from the last of them, answers of a form that was seen with it are marked as
+//! [`Attribution::Ambiguous`]. Whoever uses them needs a second one that agrees.
+//!
+//! If both masters ask at once, two such answers follow each other. So the line listens after an ambiguous answer for as
+//! long as the second one takes, and if it comes neither is used ([`Attribution::Contested`]).
+
+use std::time::Duration;
+
+use super::{Answered, Attribution, DeviceLine};
+use crate::fieldbus::departure::Leave;
+use crate::fieldbus::error::{Fault, PeerFault};
+use crate::fieldbus::owed::{Mark, Owed};
+use crate::fieldbus::wire::{Overheard, Request};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::DeviceId;
+
+/// Another master is gone if nothing of it was received for this long.
+const AFTER: Duration = Duration::from_secs(600);
+/// Forms that are remembered. Beyond that each answer is ambiguous.
+const MOST_FORMS: usize = 64;
+
+/// Reads after the first that may confirm an answer.
+const CONFIRMATIONS: u32 = 3;
+
+/// What was received of other masters.
+#[derive(Debug, Default)]
+pub(super) enum Others {
+    #[default]
+    None,
+    Noticed(Noticed),
+}
+
+#[derive(Debug)]
+pub(super) struct Noticed {
+    since: Moment,
+    last: Moment,
+    frames: u64,
+    /// Units and the forms of their answers.
+    forms: Vec<(u8, Mark)>,
+}
+
+impl Others {
+    /// Notes a frame of another master. Returns whether it, or the form of its answers, is new.
+    fn note(&mut self, heard: Overheard, now: Moment) -> bool {
+        let is_first = matches!(self, Others::None);
+        if is_first {
+            *self = Others::Noticed(Noticed { since: now, last: now, frames: 0, forms: Vec::new() });
+        }
+        let Others::Noticed(noticed) = self else { return false };
+        noticed.last = now;
+        noticed.frames += 1;
+        let form = heard.form.map(|form| (heard.unit, form)).filter(|form| !noticed.forms.contains(form));
+        let has_room = noticed.forms.len() < MOST_FORMS;
+        noticed.forms.extend(form.filter(|_| has_room));
+        is_first || (form.is_some() && has_room)
+    }
+
+    /// Returns the frames of other masters, and the time from the first to the last, once that was long enough ago.
+    fn end(&mut self, now: Moment) -> Option<(u64, Duration)> {
+        let Others::Noticed(Noticed { since, last, frames, .. }) = self else { return None };
+        let ended = (now.since(*last) >= AFTER).then(|| (*frames, last.since(*since)))?;
+        *self = Others::None;
+        Some(ended)
+    }
+
+    /// Whether the answer of this unit to a request could be the one to a question of another master.
+    pub(super) fn attribute(&self, unit: u8, request: Request<'_>) -> Attribution {
+        let Others::Noticed(Noticed { forms, .. }) = self else { return Attribution::Ours };
+        let is_known = forms.len() >= MOST_FORMS || forms.contains(&(unit, Mark::of(request)));
+        if request.is_read() && is_known { Attribution::Ambiguous } else { Attribution::Ours }
+    }
+}
+
+impl DeviceLine {
+    /// Reads as [`DeviceLine::request`] does. An answer that may be another master's is used only if the next one is equal; it is then
+    /// as old as the first of the two.
+    ///
+    /// # Errors
+    /// Those of [`DeviceLine::request`]. Answers that do not agree are answers of another master.
+    pub async fn read_confirmed(
+        &mut self,
+        device: DeviceId,
+        request: Request<'_>,
+    ) -> Result<Answered, Fault> {
+        let mut last = self.request(device, request, Leave::Whenever).await?;
+        for _ in 0..CONFIRMATIONS {
+            if last.attribution == Attribution::Ours {
+                return Ok(last);
+            }
+            let next = self.request(device, request, Leave::Whenever).await?;
+            let is_confirmed = next.attribution == Attribution::Ambiguous && next.answer == last.answer;
+            if is_confirmed && last.attribution == Attribution::Ambiguous {
+                return Ok(Answered { asked: last.asked, ..next });
+            }
+            last = next;
+        }
+        Err(Fault::Peer(PeerFault::Foreign))
+    }
+
+    /// Returns whether another answer of the unit follows an ambiguous one.
+    pub(super) async fn is_followed_by_another(
+        &mut self,
+        number: u8,
+        request: Request<'_>,
+        now: Moment,
+    ) -> bool {
+        if self.others.attribute(number, request) == Attribution::Ours {
+            return false;
+        }
+        let Some(connection) = &mut self.wire else { return false };
+        let span = self.units.owed.of(number).second_within(self.timeout);
+        self.departure.away_for(span + self.timeout);
+        // A connection that is lost meanwhile is found at the next request.
+        let heard = connection.wire().listen(number, span, Duration::ZERO).await;
+        self.departure.look();
+        let late = connection.wire().heard_late();
+        late.iter().filter(|unit| **unit != number).for_each(|unit| self.units.owed.of(*unit).distrust());
+        let is_followed = heard.is_err() || late.contains(&number);
+        if is_followed {
+            let form = Some(Mark::of(request));
+            self.others.note(Overheard { unit: number, form, is_question: false }, now);
+        }
+        is_followed
+    }
+
+    /// Notes the frames of other masters that were received in an exchange. A unit that owes an answer may have sent it late.
+    pub(super) fn note_others(&mut self, now: Moment) {
+        let Some(connection) = &mut self.wire else { return };
+        let mut is_news = false;
+        for heard in connection.wire().overheard() {
+            let may_be_late =
+                !heard.is_question && self.units.owed.get(heard.unit).is_some_and(Owed::is_owing);
+            is_news |= !may_be_late && self.others.note(heard, now);
+        }
+        let Some(witness) = &self.witness else { return };
+        if is_news {
+            let others = &self.others;
+            witness.shares_line(&|unit, request| others.attribute(unit, request));
+        }
+        if let Some((frames, within)) = self.others.end(now) {
+            witness.has_line_alone(frames, within);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isotherm_core::codec::{Register, Table};
+
+    fn at(seconds: u64) -> Moment {
+        Moment::default().after(Duration::from_secs(1000 + seconds))
+    }
+
+    fn read(offset: u16, count: u16) -> Request<'static> {
+        Request::Read { from: Register { table: Table::Input, offset }, count }
+    }
+
+    fn heard(unit: u8, count: u16) -> Overheard {
+        Overheard { unit, form: Some(Mark::of(read(0, count))), is_question: true }
+    }
+
+    #[test]
+    fn another_master_is_noticed_with_each_new_form_and_gone_ten_minutes_after_its_last_frame() {
+        let mut others = Others::default();
+        assert_eq!(others.end(at(0)), None);
+        assert!(others.note(heard(1, 1), at(0)));
+        assert!(!others.note(heard(1, 1), at(1)), "known");
+        assert!(others.note(heard(1, 2), at(2)), "another length");
+        assert!(others.note(heard(2, 1), at(3)), "another unit");
+        assert!(!others.note(Overheard { unit: 1, form: None, is_question: false }, at(5)));
+        assert_eq!(others.end(at(604)), None);
+        assert_eq!(others.end(at(605)), Some((5, Duration::from_secs(5))));
+        assert_eq!(others.end(at(1300)), None);
+        assert!(others.note(heard(1, 1), at(1300)), "again");
+    }
+
+    #[test]
+    fn an_answer_is_ambiguous_if_its_unit_function_and_length_are_those_of_the_other() {
+        let mut others = Others::default();
+        assert_eq!(others.attribute(1, read(0, 1)), Attribution::Ours);
+        others.note(heard(1, 1), at(0));
+        assert_eq!(others.attribute(1, read(100, 1)), Attribution::Ambiguous);
+        assert_eq!(others.attribute(1, read(100, 2)), Attribution::Ours);
+        assert_eq!(others.attribute(2, read(100, 1)), Attribution::Ours);
+        let write = Request::WriteSingle { at: 100, value: 1 };
+        assert_eq!(others.attribute(1, write), Attribution::Ours);
+        for count in 2..=65 {
+            others.note(heard(3, count), at(1));
+        }
+        assert_eq!(
+            others.attribute(2, read(100, 1)),
+            Attribution::Ambiguous,
+            "more forms than are remembered"
+        );
+    }
+}

@@ -1,0 +1,108 @@
+//! Units behind a gateway to a serial line.
+
+use super::*;
+use isotherm_profile::Gateway;
+
+/// Another register of the same form.
+const OIL: Request<'static> =
+    Request::Read { from: Register { table: Table::Holding, offset: 100 }, count: 1 };
+/// One of another form.
+const LONG: Request<'static> =
+    Request::Read { from: Register { table: Table::Holding, offset: 100 }, count: 2 };
+const MISSED: Result<Answer, Fault> = Err(Fault::Exception(11));
+
+fn asked(script: &Shared) -> usize {
+    script.lock().unwrap().asked.len()
+}
+
+/// A line with timeouts of 300 ms: a late answer has had its time after 1200.
+fn behind(gateway: Gateway) -> (Rig, Shared) {
+    line(|device| device.quirks.gateway = gateway)
+}
+
+/// Reads of the first unit that are answered at once.
+async fn is_prompt(line: &mut Rig) {
+    for _ in 0..100 {
+        assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn after_exception_10_or_11_or_a_timeout_the_unit_waits_for_its_late_answer() {
+    let timeout = Err(Fault::Timeout);
+    let wrong = Err(Fault::Peer(PeerFault::Foreign));
+    for (turn, fault) in [
+        (Turn::Gives(MISSED), MISSED),
+        (Turn::Gives(Err(Fault::Exception(10))), Err(Fault::Exception(10))),
+        (Turn::NeverEnds, timeout),
+        (Turn::Gives(wrong.clone()), wrong),
+    ] {
+        let (mut line, script) = behind(Gateway::ByUnits);
+        assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
+        answers(&script, &[turn]);
+        assert_eq!(line.ask(0, READ, 10).await, fault);
+        for read in [READ, OIL, LONG] {
+            assert_eq!(line.ask(0, read, 1200).await, fault, "not asked");
+        }
+        assert_eq!(line.ask(1, READ, 1200).await, Ok(good()), "the other unit is");
+        assert_eq!(asked(&script), 3, "{fault:?}");
+        assert_eq!(line.ask(0, OIL, 1220).await, Ok(good()));
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_late_answer_that_is_still_under_way_is_waited_for_whatever_the_clock_says() {
+    let (mut line, script) = behind(Gateway::ByUnits);
+    assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
+    answers(&script, &[Turn::Gives(MISSED)]);
+    assert_eq!(line.ask(0, READ, 0).await, MISSED);
+    assert_eq!(line.ask(0, OIL, 1200).await, Ok(good()));
+    let script = script.lock().unwrap();
+    assert_eq!(script.asked.last().map(|(.., at)| *at), Some(900), "three timeouts later");
+}
+
+#[tokio::test(start_paused = true)]
+async fn of_a_prompt_unit_only_what_could_be_confused_with_the_late_answer_waits() {
+    let (mut line, script) = behind(Gateway::ByUnits);
+    is_prompt(&mut line).await;
+    answers(&script, &[Turn::Gives(MISSED)]);
+    assert_eq!(line.ask(0, READ, 0).await, MISSED);
+    assert_eq!(line.ask(0, LONG, 1).await, Ok(good()), "its answer has another length");
+    assert_eq!(line.ask(0, OIL, 800).await, MISSED, "not asked");
+    assert_eq!(line.ask(0, OIL, 950).await, Ok(good()));
+    assert_eq!((asked(&script), script.lock().unwrap().dialled), (103, 1));
+    assert_eq!(script.lock().unwrap().asked.last().map(|(.., at)| *at), Some(900));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_prompt_unit_is_asked_the_same_again_and_another_register_waits_for_the_second_answer() {
+    let (mut line, script) = behind(Gateway::ByUnits);
+    is_prompt(&mut line).await;
+    answers(&script, &[Turn::Gives(MISSED)]);
+    assert_eq!(line.ask(0, READ, 0).await, MISSED);
+    assert_eq!(line.ask(0, READ, 1).await, Ok(good()), "whichever answer it is, it is of this register");
+    assert_eq!(line.ask(0, OIL, 2).await, Ok(good()));
+    let script = script.lock().unwrap();
+    assert_eq!(script.asked.last().map(|(.., at)| *at), Some(15), "three times the longest answer");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_unit_that_is_not_behind_a_gateway_does_not_wait() {
+    let (mut line, script) = behind(Gateway::Absent);
+    answers(&script, &[Turn::Gives(MISSED)]);
+    assert_eq!(line.ask(0, READ, 0).await, MISSED);
+    assert_eq!(line.ask(0, OIL, 0).await, Ok(good()));
+    let (mut line, script) = behind(Gateway::Present);
+    answers(&script, &[Turn::Gives(Err(Fault::Exception(4)))]);
+    assert_eq!(line.ask(0, READ, 0).await, Err(Fault::Exception(4)), "the unit has answered");
+    assert_eq!(line.ask(0, OIL, 0).await, Ok(good()));
+}
+
+#[test]
+fn a_gateway_is_taken_for_there_if_two_units_share_a_connection() {
+    for (gateway, alone, shared) in
+        [(Gateway::ByUnits, false, true), (Gateway::Present, true, true), (Gateway::Absent, false, false)]
+    {
+        assert_eq!((gateway.is_present(1), gateway.is_present(2)), (alone, shared), "{gateway:?}");
+    }
+}

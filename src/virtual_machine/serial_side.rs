@@ -1,0 +1,89 @@
+//! Serial side of a virtual gateway from Modbus TCP to a serial line, which stamps each answer with the open transaction.
+//!
+//! The gateway gives up a slow unit before its answer has come. If another question to that unit is open when the answer
+//! arrives, the gateway takes it for the answer to that question. The answer to that question is late in turn. An answer that
+//! finds no open question is dropped.
+
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use super::fault::ReplyFault;
+use super::hardware::Reply;
+use super::modbus::exception;
+use crate::clock::Silence;
+
+/// Time on the serial line for a question and its answer.
+const EXCHANGE: Duration = Duration::from_millis(5);
+
+/// Answers that have not arrived at the gateway yet.
+#[derive(Debug, Default)]
+pub(super) struct SerialSide(Mutex<Vec<Late>>);
+
+#[derive(Debug)]
+struct Late {
+    unit: u8,
+    pdu: Vec<u8>,
+    asked: Silence,
+    /// The answer arrives so long after `asked`.
+    delay: Duration,
+}
+
+impl SerialSide {
+    /// Returns the gateway's answer to a question that has just come, and how long it takes. `reply` is the unit's answer.
+    pub(super) fn pass(&self, unit: u8, pdu: &[u8], reply: Reply) -> (Reply, Duration) {
+        let mut late = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        late.retain(|late| !late.asked.left_of(late.delay).is_zero());
+        let own = reply.pdu.clone().map(|pdu| (pdu, reply.fault));
+        if let Some(place) = late.iter().position(|late| late.unit == unit) {
+            let shifted = late.remove(place);
+            let left = shifted.asked.left_of(shifted.delay);
+            if let Some((pdu, _)) = own {
+                late.push(Late { unit, pdu, asked: Silence::begin(), delay: left + EXCHANGE });
+            }
+            return (Reply { pdu: Some(shifted.pdu), fault: None }, left);
+        }
+        match own {
+            Some((own, Some(ReplyFault::Shift { delay, code }))) => {
+                late.push(Late { unit, pdu: own, asked: Silence::begin(), delay });
+                (Reply { pdu: code.map(|code| exception(pdu, code)), fault: None }, delay / 2)
+            }
+            _ => (reply, Duration::ZERO),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BED: [u8; 5] = [4, 0, 0, 0, 1];
+    const OIL: [u8; 5] = [4, 0, 100, 0, 1];
+    const DELAY: Duration = Duration::from_millis(40);
+
+    fn reads(value: u8, fault: Option<ReplyFault>) -> Reply {
+        Reply { pdu: Some(vec![4, 2, 0, value]), fault }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_late_answer_is_stamped_with_the_open_question_and_dropped_without_one() {
+        let shift = Some(ReplyFault::Shift { delay: DELAY, code: Some(11) });
+        let refusal = Reply { pdu: Some(vec![0x84, 11]), fault: None };
+        let side = SerialSide::default();
+        assert_eq!(side.pass(1, &BED, reads(25, shift)), (refusal.clone(), DELAY / 2));
+        tokio::time::sleep(DELAY / 2).await;
+        assert_eq!(side.pass(2, &OIL, reads(7, None)), (reads(7, None), Duration::ZERO), "another unit");
+        assert_eq!(side.pass(1, &OIL, reads(41, None)), (reads(25, None), DELAY / 2));
+        tokio::time::sleep(DELAY / 2).await;
+        assert_eq!(
+            side.pass(1, &BED, reads(25, None)),
+            (reads(41, None), EXCHANGE),
+            "for as long as one watches"
+        );
+        tokio::time::sleep(2 * EXCHANGE).await;
+        assert_eq!(side.pass(1, &OIL, reads(41, None)), (reads(41, None), Duration::ZERO));
+        let silent = Some(ReplyFault::Shift { delay: DELAY, code: None });
+        assert_eq!(side.pass(1, &BED, reads(25, silent)).0.pdu, None);
+        tokio::time::sleep(DELAY).await;
+        assert_eq!(side.pass(1, &OIL, reads(41, None)), (reads(41, None), Duration::ZERO));
+    }
+}

@@ -1,0 +1,194 @@
+//! A second client of a serial server that hands every answer to all its clients.
+
+use std::collections::VecDeque;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+use isotherm::fieldbus::line::Attribution;
+use isotherm::fieldbus::wire::Answer;
+use isotherm::gateway::{Gateway, Options};
+use isotherm_core::codec::checksum;
+use isotherm_profile::{DeviceId, Transport, parse};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg32;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::time::Instant;
+
+use crate::serial::port::{answer, bus, line, read, word};
+
+/// Unit, function, first register, count.
+type Question = (u8, u8, u16, u16);
+
+/// The other master reads one register of the same unit with the same function.
+const OTHERS: Question = (1, 3, 300, 1);
+/// Time of the serial line for a question and its answer.
+const EXCHANGE: Duration = Duration::from_millis(10);
+const TIMEOUT: Duration = Duration::from_millis(40);
+/// The other master asks this often, in milliseconds: a line on which it never stops is not asked at all.
+const PAUSES: std::ops::Range<u64> = 60..140;
+
+/// One serial line for two masters: one question at a time, and each answer goes to our connection. The other master asks
+/// while `is_there`, at random times.
+async fn serves(mut stream: TcpStream, seed: u64, is_there: Arc<AtomicBool>) {
+    stream.set_nodelay(true).unwrap();
+    let mut random = Pcg32::seed_from_u64(seed);
+    let mut asked: VecDeque<Question> = VecDeque::new();
+    let mut received: Vec<u8> = Vec::new();
+    let mut done = Instant::now();
+    let mut other_asks = Instant::now();
+    loop {
+        let mut bytes = [0; 256];
+        let before = asked.len();
+        tokio::select! {
+            count = stream.read(&mut bytes) => match count {
+                Ok(count) if count > 0 => received.extend(&bytes[..count]),
+                _ => return,
+            },
+            () = tokio::time::sleep_until(done), if !asked.is_empty() => {
+                if let Some(question) = asked.pop_front() && stream.write_all(&answer(question)).await.is_err() {
+                    return;
+                }
+                done = Instant::now() + EXCHANGE;
+            }
+            () = tokio::time::sleep_until(other_asks) => {
+                other_asks = Instant::now() + Duration::from_millis(random.random_range(PAUSES));
+                if is_there.load(Ordering::SeqCst) {
+                    asked.push_back(OTHERS);
+                }
+            }
+        }
+        while let Some(frame) = received.get(..8) {
+            assert_eq!(checksum(&frame[..6]).to_le_bytes(), frame[6..8], "{frame:x?}");
+            let word = |at: usize| u16::from_be_bytes([frame[at], frame[at + 1]]);
+            asked.push_back((frame[0], frame[1], word(2), word(4)));
+            received.drain(..8);
+        }
+        if before == 0 && !asked.is_empty() {
+            done = Instant::now() + EXCHANGE;
+        }
+    }
+}
+
+/// Serves each connection to this address in turn.
+async fn server(seed: u64, is_there: &Arc<AtomicBool>) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let (address, is_there) = (listener.local_addr().unwrap().to_string(), is_there.clone());
+    tokio::spawn(async move {
+        for connection in 0.. {
+            let (stream, _) = listener.accept().await.unwrap();
+            serves(stream, seed + connection, is_there.clone()).await;
+        }
+    });
+    address
+}
+
+/// Takes a few seconds: the line has its own pace.
+#[tokio::test]
+async fn an_answer_that_may_be_the_other_master_s_is_marked_as_soon_as_that_was_noticed() {
+    let is_there = Arc::new(AtomicBool::new(true));
+    let bus = bus(Transport::RtuOverTcp, &server(1, &is_there).await, TIMEOUT);
+    let mut line = line(&bus, 1);
+    let (mut right, mut wrong, mut contested, mut unmarked, mut mistaken) = (0, 0, 0, 0, 0);
+    for poll in 0..200_u16 {
+        line.revive(None);
+        let register = poll % 7;
+        let Ok(answered) = line.request_unverified(DeviceId(0), read(register, 1)).await else { continue };
+        let is_right = answered.answer == Answer::Registers(vec![word(1, register)]);
+        right += u32::from(is_right);
+        wrong += u32::from(!is_right);
+        match answered.attribution {
+            Attribution::Ours => unmarked += u32::from(!is_right),
+            Attribution::Ambiguous => mistaken += u32::from(!is_right),
+            Attribution::Contested => contested += 1,
+        }
+        tokio::time::sleep(2 * EXCHANGE + Duration::from_millis(u64::from(poll % 11))).await;
+    }
+    println!(
+        "{right} right answers, {wrong} wrong; {contested} contested; {unmarked} wrong ones were taken for ours and \
+         {mistaken} were not contested"
+    );
+    assert!(wrong > 0 && right > 0, "the other master was never in between");
+    assert!(unmarked <= 1 && mistaken == 0, "{unmarked} and {mistaken} of {wrong}");
+    let (mut confirmed, mut mistaken) = (0, 0);
+    for _ in 0..40 {
+        line.revive(None);
+        let Ok(answered) = line.read_confirmed(DeviceId(0), read(5, 1)).await else { continue };
+        confirmed += 1;
+        mistaken += u32::from(answered.answer != Answer::Registers(vec![word(1, 5)]));
+    }
+    println!("{confirmed} confirmed answers, {mistaken} of them wrong");
+    assert!(confirmed > 0 && mistaken == 0, "{mistaken} of {confirmed}");
+}
+
+fn profile(address: &str, max_rate: &str) -> isotherm_profile::Profile {
+    let mut text = format!(
+        "[machine]\nname = \"cell\"\n[bus.cell]\ntype = \"modbus-rtu-over-tcp\"\naddress = \"{address}\"\n\
+         timeout = \"40ms\"\n[device.m]\nbus = \"cell\"\nunit = 1\nevery = \"100ms\"\n"
+    );
+    for (signal, register) in [("bed", 0), ("oil", 100)] {
+        text += &format!(
+            "[signal.{signal}]\ndevice = \"m\"\nregister = \"holding:{register}\"\ntype = \"u16\"\nscale = 0.01\n\
+             unit = \"degC\"\nmax_age = \"2s\"\n{max_rate}\n"
+        );
+    }
+    parse(Path::new("cell.toml"), &text, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile
+}
+
+/// Good samples, wrong ones among them, and what was reported of the line.
+async fn watched(max_rate: &str, seed: u64) -> (usize, usize, Vec<String>) {
+    let is_there = Arc::new(AtomicBool::new(false));
+    let profile = profile(&server(seed, &is_there).await, max_rate);
+    let gateway = Gateway::new(profile, &Clock::wall(), Options::default());
+    let source = gateway.source();
+    let (mut good, mut wrong) = (0, 0);
+    let watch = async {
+        tokio::time::sleep(Duration::from_secs(2)).await;
+        is_there.store(true, Ordering::SeqCst);
+        for _ in 0..200 {
+            tokio::time::sleep(Duration::from_millis(50)).await;
+            for signal in source.status().signals.iter().filter(|signal| signal.quality == "good") {
+                let register = if signal.name == "bed" { 0 } else { 100 };
+                let right = f64::from(word(1, register)) / 100.0;
+                good += 1;
+                wrong += usize::from(signal.value.is_none_or(|value| (value - right).abs() > 0.001));
+            }
+        }
+    };
+    gateway.run(watch, std::future::pending()).await;
+    let events = source.status().events;
+    let reported = events.into_iter().filter(|event| event.kind == "bus-trouble").map(|event| event.text);
+    (good, wrong, reported.collect())
+}
+
+/// Takes 13 s: the line has its own pace.
+#[tokio::test]
+async fn a_second_master_is_an_alarm_and_its_register_is_no_reading() {
+    let runs = [watched("max_rate = 0.5", 11), watched("max_rate = 0.5", 12), watched("max_rate = 0.5", 13)];
+    for run in futures_of(runs).await {
+        let (good, wrong, reported) = run;
+        println!("{good} good samples, {wrong} of the other master; {reported:?}");
+        assert_eq!(wrong, 0, "{reported:?}");
+        assert!(good > 100, "{good}");
+        let last = reported.last().unwrap();
+        assert!(last.contains("bus cell") && last.contains("another master is on the line"), "{last}");
+        assert!(last.contains("bed, oil") && last.contains("one master per line"), "{last}");
+        assert!(!last.contains("cannot be distinguished"), "{last}");
+    }
+    let (good, wrong, reported) = watched("", 14).await;
+    println!("without max_rate: {good} good samples, {wrong} of the other master; {reported:?}");
+    assert!(
+        reported.last().unwrap().contains("cannot be distinguished from theirs: bed, oil"),
+        "{reported:?}"
+    );
+    assert!(100 * wrong <= 5 * good, "{wrong} of {good}");
+}
+
+async fn futures_of<F: Future>(all: [F; 3]) -> [F::Output; 3] {
+    let [one, two, three] = all;
+    let (one, two, three) = tokio::join!(one, two, three);
+    [one, two, three]
+}
