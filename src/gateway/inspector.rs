@@ -321,8 +321,8 @@ fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Dif
         if before == Continuity::Confirmed { format!("its settings were changed: {found}") } else { found };
     let why = Explained::new(format!("device {name}: {found}"), "arm it when the device is set right");
     core.events.push(Event::NotAsExpected { device: name.clone(), found: found.into() });
-    // After a break it is not known when they were changed.
-    if !matches!(before, Continuity::Changed(_)) {
+    // After a break no reading has been used that came with these settings.
+    if before == Continuity::Confirmed {
         let Core { devices, arming, .. } = &mut *core;
         devices.settings_changed(id, arming);
     }

@@ -48,6 +48,12 @@ pub(crate) fn profile() -> Profile {
     parsed(include_str!("profile.toml"))
 }
 
+/// The same machine without a check of its module.
+pub(crate) fn profile_without_checks() -> Profile {
+    let text = include_str!("profile.toml");
+    parsed(&text.replace("verify = [{ register = \"holding:60\", equals = 7, what = \"type code\" }]\n", ""))
+}
+
 /// The same machine, whose thermometers and whose control are servers of OPC UA.
 pub(crate) fn profile_of_nodes() -> Profile {
     let mut text = include_str!("profile.toml").to_owned();
@@ -60,6 +66,7 @@ pub(crate) fn profile_of_nodes() -> Profile {
     }
     let inputs = "device = \"thermocouples\"\n";
     text = text.replace(&format!("{inputs}register = \""), &format!("{inputs}node = \"ns=1;s="));
+    text = text.replace("{ register = \"holding:60\",", "{ node = \"ns=1;s=holding:60\", type = \"u16\",");
     for register in ["holding:10", "holding:20"] {
         text = text.replace(&format!("register = \"{register}\""), &format!("node = \"ns=1;s={register}\""));
     }

@@ -277,7 +277,8 @@ impl World {
     pub(crate) fn dial(&mut self, line: usize) -> Option<u64> {
         let now = self.passage.now();
         self.pass(now);
-        let is_there = self.weather(line, now) != Weather::Unreachable && !self.is_killed;
+        let is_without = line == SENSORS && self.machine.is_without_module(now);
+        let is_there = self.weather(line, now) != Weather::Unreachable && !is_without && !self.is_killed;
         self.note(now, Note::Dialled(line, is_there));
         if !is_there {
             return None;
@@ -340,6 +341,10 @@ impl World {
         self.counts.exchanges += 1;
         self.counts.writes += u64::from(asked.is_write());
         self.note(now, Note::Asked(line, brief(asked), fate));
+        if line == SENSORS && self.machine.is_without_module(now) {
+            self.lines[line].is_open = false;
+            return;
+        }
         let corrected = self.machine.laws.corrected;
         let rests = self.machine.laws.leaves(line, asked, now);
         if matches!(fate, Fate::Refused(_)) {
@@ -428,9 +433,11 @@ impl World {
             return;
         }
         let data = &message[2..];
+        let is_of_other = self.machine.has_other_module(coming.seen_at);
         let laws = &mut self.machine.laws;
         match line {
-            SENSORS => {
+            // A reading of another module is none.
+            SENSORS if function == 4 && !is_of_other => {
                 for channel in 0..2 {
                     let raw = value(u16::from_be_bytes([data[2 * channel], data[2 * channel + 1]]));
                     if raw != i64::from(i16::MIN) {

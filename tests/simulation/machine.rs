@@ -25,6 +25,11 @@ pub(crate) const W: u16 = 32;
 pub(crate) const COMPLEMENT: u16 = 34;
 pub(crate) const CORRECTED: u16 = 40;
 pub(crate) const BEAT: u16 = 50;
+/// Type code of the module with the thermocouples.
+pub(crate) const TYPE_CODE: u16 = 60;
+const EXPECTED: u16 = 7;
+/// Another module is put in or taken out within this time.
+const EXCHANGE: Duration = Duration::from_secs(3);
 
 /// Five devices and what they measure.
 pub(crate) struct Machine {
@@ -32,6 +37,8 @@ pub(crate) struct Machine {
     holding: [[u16; 64]; LINES.len()],
     /// What a thermocouple's wire is broken until.
     pub(crate) open_until: [Duration; 2],
+    /// Another module answers in the place of that with the thermocouples, from and to.
+    pub(crate) other_module: (Duration, Duration),
     strobe: bool,
     acknowledge: bool,
     /// The PLC does not look at its strobe until then.
@@ -82,6 +89,7 @@ impl Machine {
         let mut machine = Machine {
             holding: [[0; 64]; LINES.len()],
             open_until: [Duration::ZERO; 2],
+            other_module: (Duration::ZERO, Duration::ZERO),
             strobe: false,
             acknowledge: false,
             deaf_until: Duration::ZERO,
@@ -113,6 +121,9 @@ impl Machine {
     /// Does what a question asks for, and says what the device answers; `None` for what it does not know.
     pub(crate) fn answer(&mut self, line: usize, asked: Question, now: Duration) -> Option<Vec<u8>> {
         match asked {
+            Question::Read { function: 3, at: TYPE_CODE, .. } if line == SENSORS => {
+                Some(registers(3, &[EXPECTED + u16::from(self.has_other_module(now))]))
+            }
             Question::Read { function: 3, at, count } => {
                 let words = self.holding[line].get(usize::from(at)..usize::from(at) + usize::from(count))?;
                 Some(registers(3, words))
@@ -148,12 +159,25 @@ impl Machine {
         }
     }
 
+    /// Returns whether another module answers in the place of that with the thermocouples.
+    pub(crate) fn has_other_module(&self, now: Duration) -> bool {
+        (self.other_module.0..self.other_module.1).contains(&now)
+    }
+
+    /// Returns whether somebody puts a module in or takes it out, so that the line is dead.
+    pub(crate) fn is_without_module(&self, now: Duration) -> bool {
+        let (from, to) = self.other_module;
+        to > from && [from, to].iter().any(|begin| (*begin..*begin + EXCHANGE).contains(&now))
+    }
+
     fn raw(&self, channel: usize, now: Duration) -> u16 {
         if now < self.open_until[channel] {
             return word(i64::from(OPEN));
         }
+        // The other module counts tenths of a degree.
+        let counts = if self.has_other_module(now) { 10.0 } else { 100.0 };
         #[allow(clippy::cast_possible_truncation, reason = "hundredths of a degree")]
-        let raw = (100.0 * self.temperature(channel, now)).round() as i64;
+        let raw = (counts * self.temperature(channel, now)).round() as i64;
         word(raw)
     }
 

@@ -72,6 +72,14 @@ fn sensors_and_control_that_are_servers_of_nodes_hold_the_same_laws() {
     assert!(many.counts.faults > 200 * count && many.changes > 2000 * count, "{many}");
 }
 
+/// Another module is put in the place of that with the thermocouples. Without a check its readings move the machine.
+#[test]
+fn without_checks_the_simulation_finds_readings_of_another_module() {
+    let seeds: Vec<u64> = (1..=10).collect();
+    let many = Many::run(&day::profile_without_checks(), &seeds, DAY, 2, false);
+    assert!(many.broken.iter().any(|(_, story)| story.contains("R3")), "{many}");
+}
+
 /// An answer as old as itself, and none too late: changes go out on readings that are too old.
 #[test]
 fn without_the_age_that_begins_with_the_question_the_simulation_finds_old_readings() {

@@ -23,6 +23,8 @@ pub(crate) enum Happening {
     /// To the next write on a line.
     Next(usize, Fate),
     OpenWire(usize, Duration),
+    /// Another module in the place of that with the thermocouples.
+    OtherModule(Duration),
     Restart(usize, bool),
     Deaf(Duration),
     /// The operator adds so many counts to what stands in his register.
@@ -104,7 +106,8 @@ fn draw(random: &mut Pcg32, left: Duration) -> Happening {
             };
             Happening::Next(control, fate)
         }
-        65..=69 => Happening::OpenWire(random.random_range(0..2), seconds(random, 60).min(left)),
+        65 => Happening::OtherModule(seconds(random, 120).min(left)),
+        66..=69 => Happening::OpenWire(random.random_range(0..2), seconds(random, 60).min(left)),
         70..=74 => Happening::Restart(control, random.random_range(0..2) == 0),
         75..=76 => Happening::Deaf(seconds(random, 20).min(left)),
         77..=81 => {
@@ -144,6 +147,12 @@ pub(crate) fn befalls(world: &mut World, what: Happening, now: Duration) {
             world.cut(line);
             world.turns(line, Weather::Unreachable, now, 3 * SECOND);
             world.did(now, "a control restarts, and forgets everything: 1", u64::from(forgets));
+        }
+        Happening::OtherModule(span) => {
+            // Taking it out again belongs to the storm.
+            let span = span.min(left_of_storm(now).saturating_sub(4 * SECOND));
+            world.machine.other_module = (now, now + span);
+            world.did(now, "another module is put in for s", span.as_secs());
         }
         Happening::Deaf(span) => world.machine.deaf_until = now + span,
         Happening::Sleep(span) => {
