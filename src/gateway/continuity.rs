@@ -73,8 +73,9 @@ impl Devices {
         compensation: &Compensation,
         arming: &Noted<Arming>,
     ) {
+        let follows = |axis: usize| arming[axis].armed && arming[axis].sign.is_none();
         let holds = |axis: &usize| {
-            let decision = compensation.decision(*axis).filter(|_| arming[*axis].armed)?;
+            let decision = compensation.decision(*axis).filter(|_| follows(*axis))?;
             Some((*axis, ReturnTo { cz: decision.cz, slope: decision.slope }))
         };
         self.held_in_round[device.0] = self.read_by[device.0].iter().filter_map(holds).collect();
@@ -83,9 +84,9 @@ impl Devices {
     /// All checks of a device have passed since the round began: what its axes held then is what they go back to if its
     /// settings are changed.
     pub(super) fn round_passed(&mut self, device: DeviceId, arming: &mut Noted<Arming>) {
-        for axis in &self.read_by[device.0] {
-            if arming[*axis].return_to.is_some() && *self.of_axis(*axis) == Continuity::Confirmed {
-                arming[*axis].return_to = None;
+        for axis in (0..self.of_axis.len()).filter(|axis| self.of_axis[*axis].contains(&device)) {
+            if arming[axis].return_to.is_some() && *self.of_axis(axis) == Continuity::Confirmed {
+                arming[axis].return_to = None;
             }
         }
         let (of_device, in_round) = (&mut self.held[device.0], &mut self.held_in_round[device.0]);
@@ -94,8 +95,14 @@ impl Devices {
         of_device.append(in_round);
     }
 
+    /// Forgets what the axes held: what it is measured from has changed.
+    pub(super) fn forget_held(&mut self) {
+        self.held.iter_mut().chain(&mut self.held_in_round).for_each(Vec::clear);
+    }
+
     /// Notes what an axis held when it was armed, for each device that its models read.
     pub(super) fn armed(&mut self, axis: usize, held: ReturnTo) {
+        self.held_in_round.iter_mut().for_each(|of_device| of_device.retain(|(known, _)| *known != axis));
         for (read_by, of_device) in self.read_by.iter().zip(&mut self.held) {
             of_device.retain(|(known, _)| *known != axis);
             of_device.extend(read_by.contains(&axis).then_some((axis, held)));
@@ -105,7 +112,8 @@ impl Devices {
     /// The settings of a device were changed since its checks passed last: its axes go back to what they held before.
     pub(super) fn settings_changed(&self, device: DeviceId, arming: &mut Noted<Arming>) {
         for (axis, held) in &self.held[device.0] {
-            if arming[*axis].armed {
+            // Another device may have been changed before, and what was held since is wrong, too.
+            if arming[*axis].armed && arming[*axis].return_to.is_none() {
                 arming[*axis].return_to = Some(*held);
             }
         }

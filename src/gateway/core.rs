@@ -185,7 +185,7 @@ impl Core {
                 };
                 self.not_after[axis] = match (decision.model, decision.state) {
                     (Some(model), state) if state.is_following() => live_until(model),
-                    // What it goes back to was decided on readings that nobody doubts.
+                    // The value that it goes back to depends on no reading.
                     (_, AxisState::Holding(_)) if self.controls[axis].return_to.is_some() => soon,
                     // It holds because its readings have died: what it decided may go out as long as it might have then.
                     // One whose output is in trouble holds on good ones, as long as they are that.
@@ -204,9 +204,11 @@ impl Core {
         let of_profile = (&**profile, &self.places.places);
         self.storage.remember((now, is_urgent), &self.compensation, of_profile, self.outputs.states());
         if stepped.noticed.started {
+            self.devices.forget_held();
             self.events.push(Event::MachineStarted);
         }
         if stepped.noticed.zeroed {
+            self.devices.forget_held();
             self.events.push(Event::Zeroed);
         }
         self.report_signals(profile, now);

@@ -18,6 +18,7 @@ use isotherm_core::codec::Encoded;
 use isotherm_core::continuity::{Continuity, Difference, Found, sentence};
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
+use isotherm_core::reading::Reason;
 use isotherm_profile::preview::checks;
 use isotherm_profile::{BusId, Device, DeviceId, Expected, Profile, Setup};
 
@@ -30,6 +31,10 @@ const LOOK_AGAIN: Duration = Duration::from_secs(5);
 /// After this many attempts that the device did not answer, while it answered its polls, the register does not exist.
 const ASSUMED_SILENT: u32 = 3;
 
+/// Exceptions of a device that will answer later.
+const ACKNOWLEDGE: u8 = 5;
+const BUSY: u8 = 6;
+
 /// Reads the checks of the devices on one line.
 #[derive(Debug)]
 pub(super) struct Inspector(Vec<Inspection>);
@@ -41,8 +46,10 @@ struct Inspection {
     missed: u32,
     /// Polls, or frames that the device sends, show whether it is present.
     is_heard: bool,
-    /// Breaks of its continuity before it was set up.
+    /// Resets of the device before it was set up.
     set_up: Option<u64>,
+    /// Breaks of its continuity when the last look ended.
+    looked: u64,
     /// By check, in the order of the profile.
     again: Vec<Repetition>,
 }
@@ -54,6 +61,8 @@ struct Repetition {
     due: Moment,
     /// It has passed in this round. A round is over when each check has passed in it.
     has_passed: bool,
+    /// Attempts in a row that brought no value, and the time of the last one.
+    unread: (u32, Moment),
 }
 
 /// Result of reading the checks of a device.
@@ -74,10 +83,10 @@ impl Inspector {
             let is_heard = device.can.is_some() || !profile.requests(id).is_empty();
             let repetition = |check: &Expected| {
                 let period = checks::period(check, stretch);
-                Repetition { period, due: start, has_passed: false }
+                Repetition { period, due: start, has_passed: false, unread: (0, start) }
             };
             let again = device.verify.iter().map(repetition).collect();
-            Inspection { device: id, due: start, missed: 0, is_heard, set_up: None, again }
+            Inspection { device: id, due: start, missed: 0, is_heard, set_up: None, looked: 0, again }
         };
         Inspector(checked.map(inspection).collect())
     }
@@ -94,31 +103,20 @@ impl Inspector {
                 continue;
             }
             if shared.core().devices.is_confirmed(id) {
-                inspection.read_again(line, shared, now).await;
+                // One at a time: a heartbeat or a position may be due.
+                if inspection.read_again(line, shared, can, now).await {
+                    return;
+                }
                 continue;
             }
             let breaks = shared.core().devices.of(id).breaks_so_far();
-            let is_due = now >= inspection.due || inspection.set_up.is_some_and(|known| known != breaks);
+            let is_due = now >= inspection.due || inspection.looked != breaks;
             if !is_due || inspection.waits_for_polls(shared) {
                 continue;
             }
             round_begins(shared, id);
             let found = inspection.look(line, shared, can, breaks).await;
-            let pause = match &found {
-                // The answers may come from two devices.
-                Look::Broken => continue,
-                Look::Known(_, differences) if differences.is_empty() => Duration::ZERO,
-                Look::Known(..) => LOOK_AGAIN,
-                Look::NoAnswer => ASK_AGAIN,
-            };
-            let now = shared.clock.now();
-            inspection.due = now.after(pause);
-            if let Look::Known(breaks, differences) = found {
-                for again in &mut inspection.again {
-                    (again.due, again.has_passed) = (now.after(again.period), false);
-                }
-                verified(shared, id, breaks, differences, true);
-            }
+            inspection.looked_again(shared, found);
         }
     }
 }
@@ -131,25 +129,77 @@ impl Inspection {
         self.is_heard && self.missed > 0 && lost.is_some_and(|lost| lost.answers_since.is_none())
     }
 
-    /// Reads the check of a confirmed device that is due first, if any is. One that is not answered is read again a second later.
-    async fn read_again(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) {
+    /// Reads the check of a confirmed device that is due first. Returns whether one was due. If it brings another value, or none in
+    /// several attempts between which the device answered something else, all checks are read.
+    async fn read_again(
+        &mut self,
+        line: &mut DeviceLine,
+        shared: &LineHandle,
+        can: Option<&Can>,
+        now: Moment,
+    ) -> bool {
         let due = (0..self.again.len()).filter(|place| self.again[*place].due <= now);
-        let Some(place) = due.min_by_key(|place| self.again[*place].due) else { return };
+        let Some(place) = due.min_by_key(|place| self.again[*place].due) else { return false };
+        let (attempts, last) = self.again[place].unread;
+        let answered = shared.core().devices.of(self.device).answered_at();
+        if self.is_heard && attempts > 0 && answered <= last {
+            self.again[place].due = now.after(ASK_AGAIN);
+            return false;
+        }
         if self.again.iter().all(|again| !again.has_passed) {
             round_begins(shared, self.device);
         }
         let breaks = shared.core().devices.of(self.device).breaks_so_far();
-        let found = read(line, self.device, &shared.profile.device(self.device).verify[place]).await;
+        let check = &shared.profile.device(self.device).verify[place];
+        let found = read(line, self.device, check).await;
         let (now, again) = (shared.clock.now(), &mut self.again[place]);
-        again.due = now.after(if found.is_ok() { again.period } else { ASK_AGAIN });
-        let Ok(difference) = found else { return };
-        again.has_passed = difference.is_none();
-        let is_over = self.again.iter().all(|again| again.has_passed);
-        if is_over {
-            self.again.iter_mut().for_each(|again| again.has_passed = false);
+        match found {
+            Ok(None) => {
+                (again.due, again.has_passed, again.unread) = (now.after(again.period), true, (0, now));
+                if self.again.iter().all(|again| again.has_passed) {
+                    self.again.iter_mut().for_each(|again| again.has_passed = false);
+                    verified(shared, self.device, breaks, Vec::new());
+                }
+                return true;
+            }
+            Ok(Some(difference)) if difference.is_value() => again.due = now.after(ASK_AGAIN),
+            // Answers to another master say nothing, nor does a connection that cannot be made.
+            Err(fault) if fault.is_of_the_line() || fault == Fault::Peer(PeerFault::Foreign) => {
+                again.due = now.after(ASK_AGAIN);
+                return true;
+            }
+            Ok(Some(_)) | Err(_) => {
+                again.unread = (attempts + 1, now);
+                again.due = now.after(ASK_AGAIN * (attempts + 1));
+                if again.unread.0 < ASSUMED_SILENT {
+                    return true;
+                }
+                self.missed = ASSUMED_SILENT;
+            }
         }
-        self.due = now.after(LOOK_AGAIN);
-        verified(shared, self.device, breaks, difference.into_iter().collect(), is_over);
+        let found = self.look(line, shared, can, breaks).await;
+        self.looked_again(shared, found);
+        true
+    }
+
+    /// Takes the result of a look at the checks, and plans the next one.
+    fn looked_again(&mut self, shared: &LineHandle, found: Look) {
+        let pause = match &found {
+            // The answers may come from two devices.
+            Look::Broken => return,
+            Look::Known(_, differences) if differences.is_empty() => Duration::ZERO,
+            Look::Known(..) => LOOK_AGAIN,
+            Look::NoAnswer => ASK_AGAIN,
+        };
+        let now = shared.clock.now();
+        self.due = now.after(pause);
+        self.looked = shared.core().devices.of(self.device).breaks_so_far();
+        if let Look::Known(breaks, differences) = found {
+            for again in &mut self.again {
+                (again.due, again.has_passed, again.unread) = (now.after(again.period), false, (0, now));
+            }
+            verified(shared, self.device, breaks, differences);
+        }
     }
 
     /// Sets the device up and reads every check.
@@ -161,9 +211,10 @@ impl Inspection {
         mut breaks: u64,
     ) -> Look {
         let mut differences = Vec::new();
-        if can.is_some() && self.set_up != Some(breaks) {
+        let resets = shared.core().devices.of(self.device).resets_so_far();
+        if can.is_some() && self.set_up != Some(resets) {
             match set_up(line, shared, self.device).await {
-                Ok(found) if found.is_empty() => self.set_up = Some(breaks),
+                Ok(found) if found.is_empty() => self.set_up = Some(resets),
                 // Nothing can be set up, and still it is to be read.
                 Ok(found) if shared.dry_run => differences = found,
                 Ok(found) if self.is_after(breaks, shared) => return Look::Known(breaks, found),
@@ -213,7 +264,7 @@ impl Inspection {
 /// Reads one check. A device that refuses it differs.
 ///
 /// # Errors
-/// The device did not answer.
+/// The device did not answer: also if a gateway before it says so, or if it is busy.
 async fn read(
     line: &mut DeviceLine,
     device: DeviceId,
@@ -222,10 +273,11 @@ async fn read(
     let Some(request) = Request::read(&check.address, check.encoding.data_type) else {
         return Ok(Some(check.unreadable(Fault::Caller(CallerFault::Function))));
     };
-    let found = line.request_unverified(device, request).await;
+    let found = line.read_unverified(device, request).await;
     match found.and_then(|found| found.answer.believed()) {
         Ok(found) => Ok(check.mismatch(registers(&found).registers())),
-        Err(fault) if fault.is_refusal() => Ok(Some(check.unreadable(fault))),
+        Err(fault @ Fault::Exception(ACKNOWLEDGE | BUSY)) => Err(fault),
+        Err(fault) if fault.is_refusal() && !fault.is_of_a_gateway() => Ok(Some(check.unreadable(fault))),
         Err(fault) => Err(fault),
     }
 }
@@ -297,18 +349,16 @@ fn round_begins(shared: &LineHandle, id: DeviceId) {
     devices.round_begins(id, compensation, arming);
 }
 
-/// Takes the result of a device's checks, which may be the end of a round, and reports what changed. An axis that reads from a
-/// changed device takes its fault action, from the Cz before the last round. One that would write to it is off.
-fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Difference>, is_over: bool) {
+/// Takes the result of all checks of a device and reports what changed. An axis that reads from a changed device takes its fault
+/// action, from the Cz before the last round. One that would write to it is off.
+fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Difference>) {
     let name = &shared.profile.device(id).name;
     let mut core = shared.core();
     let found = sentence(&differences);
     let Some(before) = core.devices.verified(id, breaks, differences) else { return };
     if found.is_empty() {
-        if is_over {
-            let Core { devices, arming, .. } = &mut *core;
-            devices.round_passed(id, arming);
-        }
+        let Core { devices, arming, .. } = &mut *core;
+        devices.round_passed(id, arming);
         if matches!(before, Continuity::Changed(_)) {
             core.events.push(Event::AsExpected { device: name.clone() });
         }
@@ -323,8 +373,12 @@ fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Dif
     core.events.push(Event::NotAsExpected { device: name.clone(), found: found.into() });
     // After a break no reading has been used that came with these settings.
     if before == Continuity::Confirmed {
-        let Core { devices, arming, .. } = &mut *core;
+        let Core { devices, arming, board, .. } = &mut *core;
         devices.settings_changed(id, arming);
+        let (now, rates) = (shared.clock.now(), devices.of(id).breaks_without_checks());
+        for (signal, _) in shared.profile.signals_of(id) {
+            board.store(signal, Err(Reason::NotAsExpected), now, rates);
+        }
     }
     for output in shared.profile.outputs.iter().filter(|output| output.device == id) {
         // One that is off keeps waiting to be armed.

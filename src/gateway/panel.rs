@@ -217,6 +217,7 @@ impl CommandHandle {
                             ));
                         }
                     }
+                    core.devices.forget_held();
                     core.storage.zeroed(now, only);
                     core.events.push(Event::Zeroed);
                     Ok(Answer::Done(format!("{of}references are captured from now on")))

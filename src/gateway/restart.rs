@@ -71,7 +71,7 @@ impl Restarts {
         if any {
             self.count(|_| true);
             for output in &self.profile.outputs {
-                devices.breaks(output.device, Break::Restarted, now);
+                devices.breaks(output.device, Break::MachineOn, now);
             }
         }
         for place in 0..self.counters[line.0].len() {
@@ -82,6 +82,11 @@ impl Restarts {
             self.count(|output| output.boot_counter == Some(id));
             let device = self.profile.signal(id).device;
             devices.breaks(device, Break::Restarted, now);
+            // The control may have another device entry for its outputs.
+            let concerned = self.profile.outputs.iter().filter(|output| output.boot_counter == Some(id));
+            for output in concerned.filter(|output| output.device != device) {
+                devices.breaks(output.device, Break::Restarted, now);
+            }
             let device = self.profile.device(device).name.clone();
             events.push(Event::CncBooted { device, from, to });
             any = true;

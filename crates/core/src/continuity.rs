@@ -61,6 +61,8 @@ pub enum Break {
     InterfaceDown,
     /// The device was restarted.
     Restarted,
+    /// The machine was switched on, and the device perhaps with it.
+    MachineOn,
     /// The computer stood still for longer than the readings may age.
     Pause,
     /// The device did not answer for two poll periods.
@@ -111,6 +113,8 @@ pub struct DeviceContinuity {
     state: Continuity,
     /// Breaks so far.
     breaks: u64,
+    /// Those of them after which the device may have forgotten what was written to it.
+    resets: u64,
     /// Last answer.
     answered: Moment,
     /// Requests without an answer since.
@@ -127,7 +131,16 @@ impl DeviceContinuity {
             Identity::Checks => Continuity::Unconfirmed { since: start, cause: Break::Start },
         };
         let silence = period.saturating_mul(SILENT_PERIODS);
-        DeviceContinuity { identity, silence, state, breaks: 0, answered: start, missed: 0, is_silent: false }
+        DeviceContinuity {
+            identity,
+            silence,
+            state,
+            breaks: 0,
+            resets: 0,
+            answered: start,
+            missed: 0,
+            is_silent: false,
+        }
     }
 
     /// State of the device.
@@ -145,10 +158,29 @@ impl DeviceContinuity {
         self.breaks
     }
 
+    /// Number of breaks so far after which the device may have forgotten how it was set up.
+    pub fn resets_so_far(&self) -> u64 {
+        self.resets
+    }
+
+    /// Number of breaks that [`RateFilter`] counts: none of a device whose checks say whether it is the same.
+    pub fn breaks_without_checks(&self) -> u64 {
+        match self.identity {
+            Identity::None => self.breaks,
+            Identity::Checks => 0,
+        }
+    }
+
+    /// Time of the last answer.
+    pub fn answered_at(&self) -> Moment {
+        self.answered
+    }
+
     /// Breaks continuity. A device that is already unconfirmed keeps its first cause. A changed device stays changed until a check
     /// passes.
     pub fn breaks(&mut self, cause: Break, now: Moment) {
         self.breaks += 1;
+        self.resets += u64::from(!matches!(cause, Break::Pause | Break::MachineOn));
         if self.identity == Identity::Checks && self.is_confirmed() {
             self.state = Continuity::Unconfirmed { since: now, cause };
         }
@@ -180,6 +212,13 @@ impl DeviceContinuity {
     }
 }
 
+impl Difference {
+    /// Returns whether another value was read.
+    pub fn is_value(&self) -> bool {
+        matches!(self.is, Found::Value(_))
+    }
+}
+
 impl fmt::Display for Break {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
@@ -189,6 +228,7 @@ impl fmt::Display for Break {
             Break::NewConnection => "a new connection was made",
             Break::InterfaceDown => "the interface was down",
             Break::Restarted => "it was restarted",
+            Break::MachineOn => "the machine was switched on",
             Break::Pause => "the computer stood still",
             Break::Silence => "it did not answer for two poll periods",
         })

@@ -86,12 +86,33 @@ impl DeviceLine {
         device: DeviceId,
         request: Request<'_>,
     ) -> Result<Answered, Fault> {
-        let mut last = self.request(device, request, Leave::Whenever).await?;
+        self.confirm(device, request, false).await
+    }
+
+    /// Reads as [`DeviceLine::read_confirmed`] does, also if the checks of the device have not passed.
+    ///
+    /// # Errors
+    /// Those of [`DeviceLine::read_confirmed`].
+    pub async fn read_unverified(
+        &mut self,
+        device: DeviceId,
+        request: Request<'_>,
+    ) -> Result<Answered, Fault> {
+        self.confirm(device, request, true).await
+    }
+
+    async fn confirm(
+        &mut self,
+        device: DeviceId,
+        request: Request<'_>,
+        may_be_unverified: bool,
+    ) -> Result<Answered, Fault> {
+        let mut last = self.ask(device, request, Leave::Whenever, may_be_unverified).await?;
         for _ in 0..CONFIRMATIONS {
             if last.attribution == Attribution::Ours {
                 return Ok(last);
             }
-            let next = self.request(device, request, Leave::Whenever).await?;
+            let next = self.ask(device, request, Leave::Whenever, may_be_unverified).await?;
             let is_confirmed = next.attribution == Attribution::Ambiguous && next.answer == last.answer;
             if is_confirmed && last.attribution == Attribution::Ambiguous {
                 return Ok(Answered { asked: last.asked, ..next });

@@ -294,8 +294,10 @@ impl CanListener {
     /// A frame of a device came.
     fn answers(&self, device: DeviceId) {
         let mut core = self.shared.core();
-        let Core { contact, events, .. } = &mut *core;
-        contact.answers(device, self.shared.clock.now(), events);
+        let now = self.shared.clock.now();
+        let Core { contact, devices, events, .. } = &mut *core;
+        devices.answers(device, now);
+        contact.answers(device, now, events);
     }
 
     /// Does what follows from a frame or from time.
@@ -373,7 +375,7 @@ impl CanListener {
     fn condemn(&self, device: DeviceId, reason: Reason) {
         let now = self.shared.clock.now();
         let mut core = self.shared.core();
-        let breaks = core.devices.of(device).breaks_so_far();
+        let breaks = core.devices.of(device).breaks_without_checks();
         for signal in self.routes.of_device(device) {
             core.board.store(signal, Err(reason), now, breaks);
             core.board.fail(signal, reason);
@@ -399,10 +401,11 @@ impl CanListener {
             };
             // Before it has been looked at, nothing is known of what it says, not even that it is wrong.
             if !core.devices.is_unconfirmed(route.device) {
-                let breaks = core.devices.of(route.device).breaks_so_far();
+                let breaks = core.devices.of(route.device).breaks_without_checks();
                 core.board.store(route.signal, value, now, breaks);
             }
-            let Core { contact, events, .. } = &mut **core;
+            let Core { contact, devices, events, .. } = &mut **core;
+            devices.answers(route.device, now);
             contact.answers(route.device, self.shared.clock.now(), events);
         }
         drop(core);

@@ -67,6 +67,8 @@ impl OutputDemand {
                 Some(_) if is_outdated => Decision::Outdated,
                 // A constant is written whatever the axis does.
                 Some(_) if output.writes == Writes::Reference => Decision::Current(Mode::Finish),
+                // It goes back to what it held before the settings of a sensor were changed.
+                Some(AxisState::Holding(_)) if arming.return_to.is_some() => Decision::Current(Mode::Finish),
                 Some(AxisState::Holding(_)) => Decision::Current(Mode::Hold),
                 Some(state) if state.is_following() => Decision::Current(Mode::Follow),
                 Some(_) => Decision::Current(Mode::Finish),

@@ -160,7 +160,7 @@ impl Poll {
                     let stamp = answered.answer.stamped(field);
                     let (value, taken) = stamped.believed(stamp, value, asked);
                     core.contact.stamped[field.signal.0] = stamped.age(stamp);
-                    let breaks = core.devices.of(self.device).breaks_so_far();
+                    let breaks = core.devices.of(self.device).breaks_without_checks();
                     match answered.attribution {
                         Attribution::Ours => core.board.store(field.signal, value, taken, breaks),
                         Attribution::Ambiguous => {

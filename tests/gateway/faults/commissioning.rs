@@ -460,3 +460,50 @@ fn a_person_who_has_looked_at_a_device_confirms_it() {
     assert_eq!(reported(&trace, "command").len(), 2, "{}", trace.lines());
     assert_eq!(reported(&trace, "command-refused").len(), 1, "{}", trace.lines());
 }
+
+/// The cell with a module that is polled so seldom that a fault after 55 s meets its check.
+fn seldom_polled() -> String {
+    cell()
+        .replace("unit = 1\ntemplate", "unit = 1\nevery = \"50s\"\ntemplate")
+        .replace("max_age = \"5s\"", "max_age = \"120s\"")
+}
+
+#[test]
+fn a_check_that_is_refused_once_while_the_gateway_runs_stops_nothing() {
+    for code in [2, 4, 6, 10, 11] {
+        let refused = fault("module", &format!("kind = \"exception\"\ncode = {code}\nat = \"55s\"\nfor = 1"));
+        let trace = run(&seldom_polled(), &refused, 3 * MINUTE);
+        law::holds(&trace);
+        assert_eq!(trace.reported("not-as-expected"), 0, "{code}: {}", trace.lines());
+        assert_eq!(trace.states_between(30, 175), ["active"], "{code}: {}", trace.lines());
+        assert!(checks(&trace, 1, 268) >= 2, "{code}: {}", trace.lines());
+    }
+}
+
+#[test]
+fn a_check_that_a_confirmed_device_refuses_again_and_again_is_reported() {
+    let refused = fault("module", "kind = \"exception\"\ncode = 2\nat = \"55s\"");
+    let text = seldom_polled().replace("every = \"50s\"", "every = \"5s\"");
+    // Its polls are refused as well, so that each attempt is one answer.
+    let trace = run(&text, &refused, 3 * MINUTE);
+    law::holds(&trace);
+    assert_eq!(trace.reported("not-as-expected"), 1, "{}", trace.lines());
+    assert!(
+        reported(&trace, "not-as-expected")[0].contains("cannot be read: exception 2"),
+        "{}",
+        trace.lines()
+    );
+}
+
+#[test]
+fn a_connection_that_is_lost_right_after_a_check_costs_no_more_than_one_beat() {
+    let trace = run(&cell(), &fault("cnc", "kind = \"close\"\nat = \"61s\"\nfor = 1"), 2 * MINUTE);
+    law::holds(&trace);
+    let is_beat = |seen: &&isotherm::virtual_machine::Seen| {
+        seen.is_write() && seen.address.register().is_some_and(|at| at.offset == 120)
+    };
+    let beats: Vec<f64> = trace.wire.iter().filter(is_beat).map(|seen| trace.seconds(seen.at)).collect();
+    let gap = beats.windows(2).map(|two| two[1] - two[0]).filter(|gap| *gap < 50.0).fold(0.0, f64::max);
+    assert!(gap <= 2.5, "{gap} s without a beat: {}", trace.lines());
+    assert_eq!(trace.reported("disarmed"), 0, "{}", trace.lines());
+}

@@ -10,22 +10,34 @@ const LEAST_SECONDS: f64 = 1.0;
 pub enum RateFault {
     /// It changed faster than `max_rate`.
     TooFast,
-    /// It differs from the last good value by more than `max_rate` allowed when the device answered again.
+    /// It differs from the last value before a break by more than `max_rate` allowed without a value.
     Jumped,
 }
 
-/// Compares each value of a signal with its last good one.
+/// Compares each value of a signal with its last good one, and the first value after a break of its device's continuity with the last
+/// one before.
 ///
-/// While contact lasts, the allowed change grows with the time since the last good value. The first value after a break fixes it:
-/// another device does not become plausible by waiting. It is accepted when it comes within the fixed change, or when
+/// While contact lasts, the allowed change grows with the time since the last good value. Over a break it grows only while no value
+/// comes: another device does not become plausible by waiting. It is accepted when it comes within that change, or when
 /// [`RateFilter::forget`] is called because a person has confirmed the device.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RateFilter {
+    /// Last good value.
+    good: Option<(f64, Moment)>,
+    /// Last value, good or not.
     last: Option<(f64, Moment)>,
-    /// Breaks of the device's continuity that the last value was judged with.
+    /// Breaks of the device's continuity before the last value.
     breaks: u64,
-    /// Largest change that is accepted after a break, in the unit of the signal.
-    allowed: Option<f64>,
+    jump: Option<Jump>,
+}
+
+/// A value that differs too much from the last one before a break.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Jump {
+    /// Last value before the break.
+    before: f64,
+    /// Largest difference from it that is accepted.
+    allowed: f64,
 }
 
 impl RateFilter {
@@ -36,26 +48,37 @@ impl RateFilter {
     /// The value is implausible. The last good value stays.
     pub fn judge(&mut self, value: f64, at: Moment, rate: Option<f64>, breaks: u64) -> Result<(), RateFault> {
         let is_first = std::mem::replace(&mut self.breaks, breaks) != breaks;
-        if let (Some(rate), Some((last, taken))) = (rate, self.last) {
-            let grown = rate * at.since(taken).as_secs_f64().max(LEAST_SECONDS);
-            if is_first && self.allowed.is_none() {
-                self.allowed = Some(grown);
-            }
-            if (value - last).abs() > self.allowed.unwrap_or(grown) {
-                return Err(if self.allowed.is_some() { RateFault::Jumped } else { RateFault::TooFast });
+        let last = self.last.replace((value, at));
+        let Some(rate) = rate else {
+            (self.good, self.jump) = (Some((value, at)), None);
+            return Ok(());
+        };
+        let change_since = |taken: Moment| rate * at.since(taken).as_secs_f64().max(LEAST_SECONDS);
+        if let (true, Some((before, taken))) = (is_first, last) {
+            let allowed = change_since(taken);
+            match &mut self.jump {
+                Some(jump) => jump.allowed += allowed,
+                None => self.jump = Some(Jump { before, allowed }),
             }
         }
-        (self.last, self.allowed) = (Some((value, at)), None);
+        if self.jump.is_some_and(|jump| (value - jump.before).abs() > jump.allowed) {
+            return Err(RateFault::Jumped);
+        }
+        self.jump = None;
+        if self.good.is_some_and(|(good, taken)| (value - good).abs() > change_since(taken)) {
+            return Err(RateFault::TooFast);
+        }
+        self.good = Some((value, at));
         Ok(())
     }
 
     /// Returns whether a value was rejected because it jumped over a break, and none has been accepted since.
     pub fn has_jumped(&self) -> bool {
-        self.allowed.is_some()
+        self.jump.is_some()
     }
 
-    /// Forgets the last good value: the next value is accepted.
+    /// Forgets all values: the next one is accepted.
     pub fn forget(&mut self) {
-        (self.last, self.allowed) = (None, None);
+        (self.good, self.last, self.jump) = (None, None, None);
     }
 }

@@ -44,6 +44,7 @@ fn each_cause_breaks_continuity_and_the_first_one_is_kept() {
         Break::NewConnection,
         Break::InterfaceDown,
         Break::Restarted,
+        Break::MachineOn,
         Break::Pause,
     ];
     for cause in causes {
@@ -120,11 +121,51 @@ fn a_value_after_a_break_does_not_become_plausible_by_waiting() {
     for second in 20..2000 {
         assert_eq!(filter.judge(2.5, at(f64::from(second)), rate, 1), Err(RateFault::Jumped), "{second} s");
     }
-    // Another break does not widen what is allowed.
-    assert_eq!(filter.judge(2.5, at(3000.0), rate, 2), Err(RateFault::Jumped));
-    // Two degrees in twenty seconds are.
-    assert_eq!(filter.judge(26.9, at(3001.0), rate, 2), Ok(()));
-    assert_eq!(filter.judge(27.3, at(3002.0), rate, 2), Err(RateFault::TooFast));
+    // Another break a second later widens what is allowed by a second.
+    assert_eq!(filter.judge(2.5, at(2000.0), rate, 2), Err(RateFault::Jumped));
+    // Two degrees in twenty-one seconds are plausible.
+    assert_eq!(filter.judge(27.1, at(2001.0), rate, 2), Ok(()));
+    assert_eq!(filter.judge(27.3, at(2002.0), rate, 2), Err(RateFault::TooFast));
+}
+
+#[test]
+fn a_device_that_is_off_for_a_night_may_return_with_any_plausible_value() {
+    let mut filter = RateFilter::default();
+    let rate = Some(0.01);
+    assert_eq!(filter.judge(35.0, at(0.0), rate, 0), Ok(()));
+    // Its first value after a reset is none.
+    assert_eq!(filter.judge(0.0, at(5.0), rate, 1), Err(RateFault::Jumped));
+    // Off until the morning, and seventeen degrees colder.
+    assert_eq!(filter.judge(18.0, at(36_000.0), rate, 2), Ok(()));
+}
+
+#[test]
+fn a_break_while_a_real_step_is_too_fast_keeps_nothing_out() {
+    let mut filter = RateFilter::default();
+    let rate = Some(0.5);
+    assert_eq!(filter.judge(20.0, at(0.0), rate, 0), Ok(()));
+    for second in 1..8 {
+        assert_eq!(filter.judge(30.0, at(f64::from(second)), rate, 0), Err(RateFault::TooFast));
+    }
+    for second in 8..20 {
+        assert_eq!(filter.judge(30.0, at(f64::from(second)), rate, 1), Err(RateFault::TooFast), "{second} s");
+    }
+    assert_eq!(filter.judge(30.0, at(20.0), rate, 1), Ok(()));
+}
+
+#[test]
+fn a_device_with_checks_needs_no_comparison_and_keeps_its_setup_over_a_pause() {
+    let mut device = checked();
+    for (cause, resets) in
+        [(Break::Pause, 0), (Break::MachineOn, 0), (Break::Restarted, 1), (Break::Refused, 2)]
+    {
+        device.breaks(cause, at(1.0));
+        assert_eq!(device.resets_so_far(), resets, "{cause}");
+    }
+    assert_eq!((device.breaks_so_far(), device.breaks_without_checks()), (4, 0));
+    let mut plain = DeviceContinuity::new(Identity::None, PERIOD, at(0.0));
+    plain.breaks(Break::Refused, at(1.0));
+    assert_eq!(plain.breaks_without_checks(), 1);
 }
 
 #[test]

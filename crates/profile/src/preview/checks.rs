@@ -28,13 +28,13 @@ pub fn period(check: &Expected, stretch: f64) -> Duration {
     check.every.mul_f64(stretch)
 }
 
-/// Returns the names of the devices that nothing identifies: they answer or are written to, and have no checks.
+/// Returns the names of the devices that nothing identifies: they answer or are written to, and no `verify` says which they are.
 pub(super) fn unidentified(profile: &Profile) -> Vec<&str> {
     let is_asked = |device: &Device| match &device.can {
         Some(can) => can.node.is_some(),
         None => !device.is_pc,
     };
-    let devices = profile.devices.iter().filter(|device| is_asked(device) && !device.is_checked());
+    let devices = profile.devices.iter().filter(|device| is_asked(device) && device.verify.is_empty());
     devices.map(|device| device.name.as_str()).collect()
 }
 
@@ -59,7 +59,7 @@ pub(super) fn preview(profile: &Profile, id: DeviceId, device: &Device) -> (Vec<
         let guard = &axis.settings.guard;
         let moved = (guard.rate.get() * longest.as_secs_f64()).min(2.0 * guard.limit.get());
         format!(
-            "settings changed while it runs are found within {}; axis {} moves by at most {:.1} µm until then, and goes back",
+            "settings that are changed while it runs are found within {}: axis {} moves by at most {:.1} µm until then",
             shown(longest),
             axis.settings.name,
             moved
