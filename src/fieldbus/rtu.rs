@@ -83,7 +83,7 @@ impl Rtu {
         question: &[u8],
     ) -> Option<Result<Answer, Fault>> {
         loop {
-            match frame::find(&self.received, unit) {
+            match frame::find_answer(&self.received, unit, request) {
                 Reply::Own { pdu, end }
                     if request.is_read() && self.received[pdu.start - 1..end] == *question =>
                 {
@@ -209,7 +209,7 @@ impl Rtu {
     }
 
     /// Returns whether a whole answer of the unit that no question here asked for is among these bytes. Notes late answers
-    /// and frames of other masters. `question` is the frame of the present request: an echo of it is no other's.
+    /// and frames of other masters, except exceptions. `question` is the frame of the present request: an echo of it is no other's.
     fn is_unasked(&mut self, bytes: &[u8], unit: u8, question: &[u8]) -> bool {
         let mut is_unasked = false;
         for Frame { unit: speaker, pdu, is_question } in frame::frames(bytes) {
@@ -222,7 +222,9 @@ impl Rtu {
                 self.late.push(speaker);
             } else {
                 is_unasked |= speaker == unit;
-                self.overhear(speaker, Mark::of_answer(content), false);
+                if !frame::is_exception(content) {
+                    self.overhear(speaker, Mark::of_answer(content), false);
+                }
             }
         }
         is_unasked
