@@ -99,15 +99,22 @@ impl Rtu {
                     let behind = self.received.split_off(end);
                     let received = std::mem::take(&mut self.received);
                     self.is_unasked(&received[..pdu.start - 1], unit, question);
-                    let answer = if self.is_unasked(&behind, unit, question) {
+                    let answer = pdu::answer(request, &received[pdu.clone()]);
+                    let has_other_form =
+                        matches!(answer, Err(Fault::Peer(PeerFault::Function | PeerFault::Length)));
+                    let is_own = |(speaker, pdu, _): (u8, std::ops::Range<usize>, usize)| {
+                        speaker == unit && own.is_on(&behind[pdu])
+                    };
+                    // An answer of another form may be a mistake of the device, unless the right one follows.
+                    if has_other_form && frame::all(&behind).any(is_own) {
+                        self.overhear(unit, Mark::of_answer(&received[pdu]), false);
+                        return Some(Err(Fault::UNASKED));
+                    }
+                    return Some(if self.is_unasked(&behind, unit, question) {
                         Err(Fault::UNASKED)
                     } else {
-                        pdu::answer(request, &received[pdu.clone()])
-                    };
-                    if matches!(answer, Err(Fault::Peer(PeerFault::Function | PeerFault::Length))) {
-                        self.overhear(unit, Mark::of_answer(&received[pdu]), false);
-                    }
-                    return Some(answer);
+                        answer
+                    });
                 }
                 Reply::Foreign { end } => {
                     let left = self.received.split_off(end);

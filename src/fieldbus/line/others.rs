@@ -146,13 +146,15 @@ impl DeviceLine {
         is_followed
     }
 
-    /// Notes the frames of other masters that were received in an exchange. A unit that owes an answer may have sent it late.
+    /// Notes the frames of other masters that were received in an exchange. A unit that owes an answer, or did not answer the last
+    /// question in time, may have sent it late.
     pub(super) fn note_others(&mut self, now: Moment) {
         let Some(connection) = &mut self.wire else { return };
         let mut is_news = false;
         for heard in connection.wire().overheard() {
-            let may_be_late =
-                !heard.is_question && self.units.owed.get(heard.unit).is_some_and(Owed::is_owing);
+            let may_be_late = !heard.is_question
+                && (self.units.owed.get(heard.unit).is_some_and(Owed::is_owing)
+                    || self.units.has_timed_out(heard.unit));
             is_news |= !may_be_late && self.others.note(heard, now);
         }
         let Some(witness) = &self.witness else { return };

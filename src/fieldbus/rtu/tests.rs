@@ -194,6 +194,9 @@ async fn frames_of_another_master_are_noted_and_neither_echoes_nor_late_answers_
     assert_eq!(wire.overheard(), noted(8));
     let length = Err(Fault::Peer(PeerFault::Length));
     assert_eq!(asked(&mut wire, &mut device, READ, &said(3)[1]).await, length);
+    assert_eq!(wire.overheard(), [], "a mistake of the device");
+    let both = [said(3)[1].as_slice(), &registers(1, 2)].concat();
+    assert_eq!(asked(&mut wire, &mut device, READ, &both).await, Err(Fault::UNASKED));
     assert_eq!(wire.overheard(), noted(3)[1..]);
     let echoed = [frame::request(3, READ), registers(1, 2)].concat();
     assert_eq!(asked(&mut wire, &mut device, READ, &echoed).await, good());
