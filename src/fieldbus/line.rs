@@ -387,7 +387,9 @@ impl DeviceLine {
                 witness.subscribes(device, what);
             }
             self.note_others(now);
-            is_contested = answer.is_ok() && self.is_followed_by_another(number, request, now).await;
+            let is_repeated = first_asked.is_some();
+            is_contested =
+                answer.is_ok() && self.is_followed_by_another(number, request, is_repeated, now).await;
             self.look_for_a_break(place, &answer, now);
             if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
                 break self.settle(place, request, answer, now);

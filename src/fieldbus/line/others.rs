@@ -120,18 +120,22 @@ impl DeviceLine {
         Err(Fault::Peer(PeerFault::Foreign))
     }
 
-    /// Returns whether another answer of the unit follows an ambiguous one.
+    /// Returns whether another answer of the unit follows an ambiguous one. After a repeated question the other answer may be ours.
     pub(super) async fn is_followed_by_another(
         &mut self,
         number: u8,
         request: Request<'_>,
+        is_repeated: bool,
         now: Moment,
     ) -> bool {
         if self.others.attribute(number, request) == Attribution::Ours {
             return false;
         }
         let Some(connection) = &mut self.wire else { return false };
-        let span = self.units.owed.of(number).second_within(self.timeout);
+        let under_way = connection.wire().time_under_way(request);
+        let owed = self.units.owed.of(number);
+        let may_be_late = is_repeated || owed.is_owing();
+        let span = owed.second_within(self.timeout, under_way);
         self.departure.away_for(span + self.timeout);
         // A connection that is lost meanwhile is found at the next request.
         let heard = connection.wire().listen(number, span, Duration::ZERO).await;
@@ -139,7 +143,7 @@ impl DeviceLine {
         let late = connection.wire().heard_late();
         late.iter().filter(|unit| **unit != number).for_each(|unit| self.units.owed.of(*unit).distrust());
         let is_followed = heard.is_err() || late.contains(&number);
-        if is_followed {
+        if is_followed && !may_be_late {
             let form = Some(Mark::of(request));
             self.others.note(Overheard { unit: number, form, is_question: false }, now);
         }
