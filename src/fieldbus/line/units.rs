@@ -110,7 +110,7 @@ impl Units {
     pub(super) fn misses(
         &mut self,
         place: usize,
-        (request, asked): (Request<'_>, Moment),
+        (request, asked, missed): (Request<'_>, Moment, Moment),
         fault: Fault,
         now: Moment,
         spans: Spans,
@@ -121,8 +121,6 @@ impl Units {
         if !is_lost {
             owed.distrust();
         }
-        // A gateway says so at once, and a timeout when it is over.
-        let missed = if fault.is_of_a_gateway() { now } else { now.after(spans.timeout) };
         let may_be_asked = owed.misses(request, asked, missed);
         self.all[place].last_fault = fault;
         if !may_be_asked {
