@@ -206,6 +206,19 @@ async fn frames_of_another_master_are_noted_and_neither_echoes_nor_late_answers_
     assert_eq!((wire.overheard(), wire.heard_late()), (Vec::new(), vec![8]));
 }
 
+#[tokio::test(start_paused = true)]
+async fn the_echo_of_a_question_that_was_given_up_is_no_question_of_another_master() {
+    let (mut wire, mut device) = line();
+    assert_eq!(asked(&mut wire, &mut device, READ, &[]).await, Err(Fault::Timeout));
+    device.write_all(&frame::request(3, READ)).await.unwrap();
+    assert_eq!(asked(&mut wire, &mut device, WRITE, &framed(3, &[6, 0, 4, 0, 9])).await, Ok(Answer::Done));
+    assert_eq!(wire.overheard(), []);
+    device.write_all(&frame::request(3, READ)).await.unwrap();
+    assert_eq!(asked(&mut wire, &mut device, READ, &registers(1, 2)).await, good());
+    let is_question = true;
+    assert_eq!(wire.overheard(), [Overheard { unit: 3, form: Some(Mark::of(READ)), is_question }]);
+}
+
 /// A frame of five bytes in the middle of an answer: an exception of this unit.
 #[tokio::test(start_paused = true)]
 async fn a_frame_inside_of_an_answer_that_arrives_in_parts_is_a_part_of_it() {
