@@ -104,14 +104,14 @@ pub struct Answered {
     pub attribution: Attribution,
 }
 
-/// Whose question an answer belongs to, as far as it shows.
+/// Attribution of an answer to a question, as far as its frame shows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attribution {
     /// Ours.
     Ours,
     /// Ours or another master's: another master on the line asks for answers of the same unit, function and length.
     Ambiguous,
-    /// Not known: another such answer of the unit followed it, and either may be ours.
+    /// Not known: another such answer of the unit followed it. Either may be ours.
     Contested,
 }
 
