@@ -104,14 +104,14 @@ pub struct Answered {
     pub attribution: Attribution,
 }
 
-/// Whose question an answer belongs to, as far as it shows.
+/// Attribution of an answer to a question, as far as its frame shows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attribution {
     /// Ours.
     Ours,
     /// Ours or another master's: another master on the line asks for answers of the same unit, function and length.
     Ambiguous,
-    /// Not known: another such answer of the unit followed it, and either may be ours.
+    /// Not known: another such answer of the unit followed it. Either may be ours.
     Contested,
 }
 
@@ -387,7 +387,9 @@ impl DeviceLine {
                 witness.subscribes(device, what);
             }
             self.note_others(now);
-            is_contested = answer.is_ok() && self.is_followed_by_another(number, request, now).await;
+            let is_repeated = first_asked.is_some();
+            is_contested =
+                answer.is_ok() && self.is_followed_by_another(number, request, is_repeated, now).await;
             self.look_for_a_break(place, &answer, now);
             if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
                 break self.settle(place, request, answer, now);

@@ -25,6 +25,8 @@ const PROOF: u32 = 100;
 const FACTOR: u32 = 3;
 /// No answer is expected sooner than this: a computer is not always at once there to hear it.
 const SHORTEST: Duration = Duration::from_millis(5);
+/// The second of two answers is later than one alone by no more than this.
+const LATER: Duration = Duration::from_millis(50);
 /// Misses in a row after which even a prompt unit is left alone.
 const MISSES: u32 = 3;
 
@@ -202,9 +204,12 @@ impl Owed {
         self.longest[0].max(self.longest[1]).max(SHORTEST) * FACTOR
     }
 
-    /// Returns within what time a second answer of it comes, if it has been asked twice.
-    pub(super) fn second_within(&self, timeout: Duration) -> Duration {
-        if self.is_prompt() { self.prompt_span().min(timeout) } else { timeout }
+    /// Returns within what time a second answer of it comes, if it has been asked twice. Question and answer take `under_way` on
+    /// the line.
+    pub(super) fn second_within(&self, timeout: Duration, under_way: Duration) -> Duration {
+        let span = self.longest[0].max(self.longest[1]).max(under_way) + LATER;
+        let prompt = if self.is_prompt() { self.prompt_span() } else { span };
+        span.min(prompt).min(timeout + under_way)
     }
 
     /// It has answered, after so long; or within what it takes as often, where a question had to be repeated.
@@ -322,5 +327,33 @@ impl Late {
         self.is_read
             && self.mark == Mark::of(request)
             && matches!(request, Request::Read { from, count } if (from.offset, count) == (self.from, self.count))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isotherm_core::codec::{Register, Table};
+
+    #[test]
+    fn a_second_answer_is_waited_for_by_the_longest_answer_and_not_for_a_whole_timeout() {
+        let read = Request::Read { from: Register { table: Table::Input, offset: 0 }, count: 1 };
+        let ms = Duration::from_millis;
+        for (answers, took, timeout, under_way, span) in [
+            (0, 0, 500, 0, 50),
+            (0, 0, 500, 20, 70),
+            (1, 30, 500, 20, 80),
+            (1, 200, 500, 20, 250),
+            (1, 30, 40, 0, 40),
+            (1, 30, 40, 15, 55),
+            (100, 5, 500, 0, 15),
+            (100, 200, 500, 0, 250),
+        ] {
+            let mut owed = Owed::unknown();
+            for _ in 0..answers {
+                owed.answers(read, ms(took));
+            }
+            assert_eq!(owed.second_within(ms(timeout), ms(under_way)), ms(span), "{answers} of {took} ms");
+        }
     }
 }

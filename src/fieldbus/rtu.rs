@@ -46,6 +46,8 @@ pub struct Rtu {
     heard: Option<PeerFault>,
     /// We hear ourselves.
     echoes: bool,
+    /// Frame of the last question. Its echo may arrive after the answer was given up.
+    last_question: Vec<u8>,
     /// What has been discarded since the last answer: whole frames in there are no noise.
     discarded: Vec<u8>,
     /// What units may still answer to questions that were given up, and those that have.
@@ -67,6 +69,7 @@ impl Rtu {
             received: Vec::new(),
             heard: None,
             echoes: false,
+            last_question: Vec::new(),
             discarded: Vec::new(),
             owed: Vec::new(),
             late: Vec::new(),
@@ -83,7 +86,7 @@ impl Rtu {
         question: &[u8],
     ) -> Option<Result<Answer, Fault>> {
         loop {
-            match frame::find(&self.received, unit) {
+            match frame::find_answer(&self.received, unit, request) {
                 Reply::Own { pdu, end }
                     if request.is_read() && self.received[pdu.start - 1..end] == *question =>
                 {
@@ -99,15 +102,22 @@ impl Rtu {
                     let behind = self.received.split_off(end);
                     let received = std::mem::take(&mut self.received);
                     self.is_unasked(&received[..pdu.start - 1], unit, question);
-                    let answer = if self.is_unasked(&behind, unit, question) {
+                    let answer = pdu::answer(request, &received[pdu.clone()]);
+                    let has_other_form =
+                        matches!(answer, Err(Fault::Peer(PeerFault::Function | PeerFault::Length)));
+                    let is_own = |(speaker, pdu, _): (u8, std::ops::Range<usize>, usize)| {
+                        speaker == unit && own.is_on(&behind[pdu])
+                    };
+                    // An answer of another form may be a mistake of the device, unless the right one follows.
+                    if has_other_form && frame::all(&behind).any(is_own) {
+                        self.overhear(unit, Mark::of_answer(&received[pdu]), false);
+                        return Some(Err(Fault::UNASKED));
+                    }
+                    return Some(if self.is_unasked(&behind, unit, question) {
                         Err(Fault::UNASKED)
                     } else {
-                        pdu::answer(request, &received[pdu.clone()])
-                    };
-                    if matches!(answer, Err(Fault::Peer(PeerFault::Function | PeerFault::Length))) {
-                        self.overhear(unit, Mark::of_answer(&received[pdu]), false);
-                    }
-                    return Some(answer);
+                        answer
+                    });
                 }
                 Reply::Foreign { end } => {
                     let left = self.received.split_off(end);
@@ -209,7 +219,7 @@ impl Rtu {
     }
 
     /// Returns whether a whole answer of the unit that no question here asked for is among these bytes. Notes late answers
-    /// and frames of other masters. `question` is the frame of the present request: an echo of it is no other's.
+    /// and frames of other masters, except exceptions. `question` is the last frame that was sent: an echo of it is no other's.
     fn is_unasked(&mut self, bytes: &[u8], unit: u8, question: &[u8]) -> bool {
         let mut is_unasked = false;
         for Frame { unit: speaker, pdu, is_question } in frame::frames(bytes) {
@@ -222,7 +232,9 @@ impl Rtu {
                 self.late.push(speaker);
             } else {
                 is_unasked |= speaker == unit;
-                self.overhear(speaker, Mark::of_answer(content), false);
+                if !frame::is_exception(content) {
+                    self.overhear(speaker, Mark::of_answer(content), false);
+                }
             }
         }
         is_unasked
@@ -262,12 +274,14 @@ impl Wire for Rtu {
             let silence = self.serial.map_or(Duration::ZERO, |serial| serial.silence());
             self.wait_for_silence(silence).await?;
             let discarded = std::mem::take(&mut self.discarded);
-            if self.is_unasked(&discarded, unit, &[]) {
+            let last_question = std::mem::take(&mut self.last_question);
+            if self.is_unasked(&discarded, unit, &last_question) {
                 return Err(Fault::UNASKED);
             }
             self.heard = None;
             let question = frame::request(unit, request);
             departure.leave()?;
+            self.last_question.clone_from(&question);
             self.port.send(&question).await.map_err(|error| self.ended(Some(&error), Fault::BROKEN))?;
             // The port takes all bytes at once and sends them one after the other.
             let sending = self.serial.map_or(Duration::ZERO, |serial| serial.bytes(question.len()));

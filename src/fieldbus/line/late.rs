@@ -59,6 +59,8 @@ impl DeviceLine {
     /// Notes that the unit has not answered in time, and that its answer may still come.
     pub(super) fn note_miss(&mut self, place: usize, request: Request<'_>, fault: Fault, now: Moment) {
         let asked = self.departure.asked().unwrap_or(now);
-        self.units.misses(place, (request, asked), fault, now, self.spans());
+        // A gateway answers for the unit after a timeout of its own, and the late answer has its time from then on.
+        let missed = if fault.is_of_a_gateway() { self.departure.looked() } else { now.after(self.timeout) };
+        self.units.misses(place, (request, asked, missed), fault, now, self.spans());
     }
 }

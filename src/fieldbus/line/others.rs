@@ -1,9 +1,10 @@
 //! Other masters on a line whose answers do not name their question.
 //!
 //! A second master on a serial line, or a second client of a serial server, asks the same units. An answer to its question that
-//! has the unit, function and length of an answer to ours cannot be distinguished from that. Frames that nobody here asked
-//! for show such a master. For [`AFTER`] from the last of them, answers of a form that was seen with it are marked as
-//! [`Attribution::Ambiguous`]. Whoever uses them needs a second one that agrees.
+//! has the unit, function and length of an answer to ours cannot be distinguished from that. Frames without a question from here
+//! show such a master: one question, or two answers within [`AFTER`]. One answer alone may be noise or a part of another frame.
+//! For [`AFTER`] from the last frame, answers of a form that was seen with the other master are marked as
+//! [`Attribution::Ambiguous`]. Such an answer is used only with a second one that agrees.
 //!
 //! If both masters ask at once, two such answers follow each other. So the line listens after an ambiguous answer for as
 //! long as the second one takes, and if it comes neither is used ([`Attribution::Contested`]).
@@ -31,6 +32,8 @@ const CONFIRMATIONS: u32 = 3;
 pub(super) enum Others {
     #[default]
     None,
+    /// One answer without a question from here, and when it was received.
+    Suspected(Overheard, Moment),
     Noticed(Noticed),
 }
 
@@ -44,19 +47,23 @@ pub(super) struct Noticed {
 }
 
 impl Others {
-    /// Notes a frame of another master. Returns whether it, or the form of its answers, is new.
+    /// Notes a frame of another master. Returns whether the master is new, or the form of its answers is.
     fn note(&mut self, heard: Overheard, now: Moment) -> bool {
-        let is_first = matches!(self, Others::None);
-        if is_first {
-            *self = Others::Noticed(Noticed { since: now, last: now, frames: 0, forms: Vec::new() });
+        let (first, since) = match self {
+            Others::Noticed(noticed) => return noticed.note(heard, now),
+            Others::Suspected(first, since) if now.since(*since) < AFTER => (Some(*first), *since),
+            Others::None | Others::Suspected(..) => (None, now),
+        };
+        if first.is_none() && !heard.is_question {
+            *self = Others::Suspected(heard, now);
+            return false;
         }
-        let Others::Noticed(noticed) = self else { return false };
-        noticed.last = now;
-        noticed.frames += 1;
-        let form = heard.form.map(|form| (heard.unit, form)).filter(|form| !noticed.forms.contains(form));
-        let has_room = noticed.forms.len() < MOST_FORMS;
-        noticed.forms.extend(form.filter(|_| has_room));
-        is_first || (form.is_some() && has_room)
+        let mut noticed = Noticed { since, last: now, frames: 0, forms: Vec::new() };
+        for frame in first.into_iter().chain([heard]) {
+            noticed.note(frame, now);
+        }
+        *self = Others::Noticed(noticed);
+        true
     }
 
     /// Returns the frames of other masters, and the time from the first to the last, once that was long enough ago.
@@ -72,6 +79,18 @@ impl Others {
         let Others::Noticed(Noticed { forms, .. }) = self else { return Attribution::Ours };
         let is_known = forms.len() >= MOST_FORMS || forms.contains(&(unit, Mark::of(request)));
         if request.is_read() && is_known { Attribution::Ambiguous } else { Attribution::Ours }
+    }
+}
+
+impl Noticed {
+    /// Notes one more frame. Returns whether the form of its answers is new.
+    fn note(&mut self, heard: Overheard, now: Moment) -> bool {
+        self.last = now;
+        self.frames += 1;
+        let form = heard.form.map(|form| (heard.unit, form)).filter(|form| !self.forms.contains(form));
+        let has_room = self.forms.len() < MOST_FORMS;
+        self.forms.extend(form.filter(|_| has_room));
+        form.is_some() && has_room
     }
 }
 
@@ -122,18 +141,22 @@ impl DeviceLine {
         Err(Fault::Peer(PeerFault::Foreign))
     }
 
-    /// Returns whether another answer of the unit follows an ambiguous one.
+    /// Returns whether another answer of the unit follows an ambiguous one. After a repeated question the other answer may be ours.
     pub(super) async fn is_followed_by_another(
         &mut self,
         number: u8,
         request: Request<'_>,
+        is_repeated: bool,
         now: Moment,
     ) -> bool {
         if self.others.attribute(number, request) == Attribution::Ours {
             return false;
         }
         let Some(connection) = &mut self.wire else { return false };
-        let span = self.units.owed.of(number).second_within(self.timeout);
+        let under_way = connection.wire().time_under_way(request);
+        let owed = self.units.owed.of(number);
+        let may_be_late = is_repeated || owed.is_owing();
+        let span = owed.second_within(self.timeout, under_way);
         self.departure.away_for(span + self.timeout);
         // A connection that is lost meanwhile is found at the next request.
         let heard = connection.wire().listen(number, span, Duration::ZERO).await;
@@ -141,20 +164,22 @@ impl DeviceLine {
         let late = connection.wire().heard_late();
         late.iter().filter(|unit| **unit != number).for_each(|unit| self.units.owed.of(*unit).distrust());
         let is_followed = heard.is_err() || late.contains(&number);
-        if is_followed {
+        if is_followed && !may_be_late {
             let form = Some(Mark::of(request));
             self.others.note(Overheard { unit: number, form, is_question: false }, now);
         }
         is_followed
     }
 
-    /// Notes the frames of other masters that were received in an exchange. A unit that owes an answer may have sent it late.
+    /// Notes the frames of other masters that were received in an exchange. A unit that owes an answer, or did not answer the last
+    /// question in time, may have sent it late.
     pub(super) fn note_others(&mut self, now: Moment) {
         let Some(connection) = &mut self.wire else { return };
         let mut is_news = false;
         for heard in connection.wire().overheard() {
-            let may_be_late =
-                !heard.is_question && self.units.owed.get(heard.unit).is_some_and(Owed::is_owing);
+            let may_be_late = !heard.is_question
+                && (self.units.owed.get(heard.unit).is_some_and(Owed::is_owing)
+                    || self.units.has_timed_out(heard.unit));
             is_news |= !may_be_late && self.others.note(heard, now);
         }
         let Some(witness) = &self.witness else { return };
@@ -198,6 +223,23 @@ mod tests {
         assert_eq!(others.end(at(605)), Some((5, Duration::from_secs(5))));
         assert_eq!(others.end(at(1300)), None);
         assert!(others.note(heard(1, 1), at(1300)), "again");
+    }
+
+    #[test]
+    fn one_answer_is_no_other_master_and_two_within_ten_minutes_are() {
+        let answer = |unit| Overheard { is_question: false, ..heard(unit, 1) };
+        let mut others = Others::default();
+        assert!(!others.note(answer(1), at(0)));
+        assert_eq!(others.attribute(1, read(0, 1)), Attribution::Ours);
+        assert!(!others.note(answer(2), at(600)), "ten minutes later it is the first again");
+        assert!(others.note(answer(3), at(1199)));
+        assert_eq!(others.attribute(1, read(0, 1)), Attribution::Ours);
+        for unit in [2, 3] {
+            assert_eq!(others.attribute(unit, read(0, 1)), Attribution::Ambiguous, "{unit}");
+        }
+        assert_eq!(others.end(at(1799)), Some((2, Duration::from_secs(599))));
+        assert!(!others.note(answer(1), at(1800)));
+        assert!(others.note(heard(1, 1), at(1801)), "a question");
     }
 
     #[test]

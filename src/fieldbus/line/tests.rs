@@ -16,6 +16,8 @@ enum Turn {
     Gives(Result<Answer, Fault>),
     /// A good answer, after so long.
     Takes(Duration),
+    /// The exception of a gateway without an answer, after so long.
+    Misses(Duration),
     NeverEnds,
 }
 
@@ -78,6 +80,10 @@ impl Wire for Scripted {
                 Some(Turn::Takes(span)) => {
                     tokio::time::sleep(span).await;
                     Ok(good())
+                }
+                Some(Turn::Misses(span)) => {
+                    tokio::time::sleep(span).await;
+                    Err(Fault::Exception(11))
                 }
                 None => Ok(good()),
             }

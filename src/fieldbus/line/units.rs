@@ -92,6 +92,12 @@ impl Units {
         self.owed.of(self.all[place].number)
     }
 
+    /// Returns whether the last question to the unit with this number was not answered in time.
+    pub(super) fn has_timed_out(&self, number: u8) -> bool {
+        let has_missed = self.owed.get(number).is_some_and(|owed| owed.missed() > 0);
+        has_missed && self.all.iter().any(|unit| unit.number == number && unit.last_fault == Fault::Timeout)
+    }
+
     /// This device, or each of them, need rest no longer.
     pub(super) fn revive(&mut self, device: Option<DeviceId>) {
         for unit in self.all.iter_mut().filter(|unit| device.is_none_or(|one| one == unit.device)) {
@@ -104,7 +110,7 @@ impl Units {
     pub(super) fn misses(
         &mut self,
         place: usize,
-        (request, asked): (Request<'_>, Moment),
+        (request, asked, missed): (Request<'_>, Moment, Moment),
         fault: Fault,
         now: Moment,
         spans: Spans,
@@ -115,8 +121,6 @@ impl Units {
         if !is_lost {
             owed.distrust();
         }
-        // A gateway says so at once, and a timeout when it is over.
-        let missed = if fault.is_of_a_gateway() { now } else { now.after(spans.timeout) };
         let may_be_asked = owed.misses(request, asked, missed);
         self.all[place].last_fault = fault;
         if !may_be_asked {

@@ -56,9 +56,34 @@ pub(super) fn is_like_its_answer(request: Request<'_>) -> bool {
     }
 }
 
+/// Looks for the answer to a request as [`find`] does, but not inside of an answer that has not arrived to its end. Some of its
+/// bytes may look like a frame.
+pub(super) fn find_answer(bytes: &[u8], unit: u8, request: Request<'_>) -> Reply {
+    find_before(bytes, unit, incomplete_answer(bytes, unit, request).unwrap_or(bytes.len()))
+}
+
 /// Looks for a frame of `unit`, else for one of another unit. Bytes before it are noise.
 pub(super) fn find(bytes: &[u8], unit: u8) -> Reply {
-    let frames = (0..bytes.len()).filter_map(|start| whole(&bytes[start..]).map(|end| (start, start + end)));
+    find_before(bytes, unit, bytes.len())
+}
+
+/// Returns where an answer to this request begins whose end is missing.
+fn incomplete_answer(bytes: &[u8], unit: u8, request: Request<'_>) -> Option<usize> {
+    let (_, length) = lengths(request);
+    let mut begin = vec![unit];
+    if request.is_read() {
+        begin.extend([request.function(), u8::try_from(length.checked_sub(2 + AROUND)?).ok()?]);
+    } else {
+        pdu::question(request, &mut begin);
+        // Function and address.
+        begin.truncate(4);
+    }
+    (bytes.len().saturating_sub(length - 1)..bytes.len()).find(|start| bytes[*start..].starts_with(&begin))
+}
+
+/// Looks for a frame that begins before this byte.
+fn find_before(bytes: &[u8], unit: u8, before: usize) -> Reply {
+    let frames = (0..before).filter_map(|start| whole(&bytes[start..]).map(|end| (start, start + end)));
     let mut foreign = Reply::Incomplete;
     for (start, end) in frames {
         if bytes[start] == unit {
@@ -114,6 +139,11 @@ pub(super) fn frames(bytes: &[u8]) -> Vec<Frame> {
         start += length;
     }
     frames
+}
+
+/// Whether the content of an answer is an exception. Its frame has five bytes: noise and parts of other frames look like one at times.
+pub(super) fn is_exception(pdu: &[u8]) -> bool {
+    pdu.first().is_some_and(|function| function & EXCEPTION != 0)
 }
 
 /// The length of the read request that begins here, if it is there to its end and its checksum is right.

@@ -194,6 +194,9 @@ async fn frames_of_another_master_are_noted_and_neither_echoes_nor_late_answers_
     assert_eq!(wire.overheard(), noted(8));
     let length = Err(Fault::Peer(PeerFault::Length));
     assert_eq!(asked(&mut wire, &mut device, READ, &said(3)[1]).await, length);
+    assert_eq!(wire.overheard(), [], "a mistake of the device");
+    let both = [said(3)[1].as_slice(), &registers(1, 2)].concat();
+    assert_eq!(asked(&mut wire, &mut device, READ, &both).await, Err(Fault::UNASKED));
     assert_eq!(wire.overheard(), noted(3)[1..]);
     let echoed = [frame::request(3, READ), registers(1, 2)].concat();
     assert_eq!(asked(&mut wire, &mut device, READ, &echoed).await, good());
@@ -201,6 +204,59 @@ async fn frames_of_another_master_are_noted_and_neither_echoes_nor_late_answers_
     let late = [frame::request(3, READ), framed(8, &[3, 2, 0, 9]), registers(1, 2)].concat();
     assert_eq!(asked(&mut wire, &mut device, READ, &late).await, good());
     assert_eq!((wire.overheard(), wire.heard_late()), (Vec::new(), vec![8]));
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_echo_of_a_question_that_was_given_up_is_no_question_of_another_master() {
+    let (mut wire, mut device) = line();
+    assert_eq!(asked(&mut wire, &mut device, READ, &[]).await, Err(Fault::Timeout));
+    device.write_all(&frame::request(3, READ)).await.unwrap();
+    assert_eq!(asked(&mut wire, &mut device, WRITE, &framed(3, &[6, 0, 4, 0, 9])).await, Ok(Answer::Done));
+    assert_eq!(wire.overheard(), []);
+    device.write_all(&frame::request(3, READ)).await.unwrap();
+    assert_eq!(asked(&mut wire, &mut device, READ, &registers(1, 2)).await, good());
+    let is_question = true;
+    assert_eq!(wire.overheard(), [Overheard { unit: 3, form: Some(Mark::of(READ)), is_question }]);
+}
+
+/// A frame of five bytes in the middle of an answer: an exception of this unit.
+#[tokio::test(start_paused = true)]
+async fn a_frame_inside_of_an_answer_that_arrives_in_parts_is_a_part_of_it() {
+    let read = Request::Read { from: Register { table: Table::Input, offset: 0 }, count: 6 };
+    for (unit, before) in [3, 8].into_iter().flat_map(|unit| (0..6).map(move |before| (unit, before))) {
+        let mut data = vec![0; 12];
+        data[before..before + 5].copy_from_slice(&framed(unit, &[0x84, 2]));
+        let words: Vec<u16> = data.chunks(2).map(|word| u16::from_be_bytes([word[0], word[1]])).collect();
+        let answer = framed(3, &[&[4, 12], data.as_slice()].concat());
+        for noise in [&[][..], &[0xff, 3]] {
+            let whole = [noise, &answer].concat();
+            for cut in 1..whole.len() {
+                let (mut wire, mut device) = line();
+                let parts = async {
+                    let mut question = [0; 8];
+                    device.read_exact(&mut question).await.unwrap();
+                    device.write_all(&whole[..cut]).await.unwrap();
+                    tokio::time::sleep(Duration::from_millis(20)).await;
+                    device.write_all(&whole[cut..]).await.unwrap();
+                };
+                let mut departure = whenever();
+                let (answer, ()) = tokio::join!(wire.exchange(3, read, &mut departure), parts);
+                assert_eq!(answer, Ok(Answer::Registers(words.clone())), "{unit} at {before}, cut at {cut}");
+                assert_eq!((wire.overheard(), wire.heard_late()), (Vec::new(), Vec::new()));
+            }
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_exception_that_answers_nothing_is_no_sign_of_another_master() {
+    let (mut wire, mut device) = line();
+    let before = [framed(8, &[0x83, 2]), registers(1, 2)].concat();
+    assert_eq!(asked(&mut wire, &mut device, READ, &before).await, good());
+    assert_eq!(wire.overheard(), []);
+    device.write_all(&framed(3, &[0x83, 2])).await.unwrap();
+    assert_eq!(wire.exchange(3, READ, &mut whenever()).await, Err(Fault::UNASKED));
+    assert_eq!(wire.overheard(), []);
 }
 
 /// The echo of such a read has the form of its answer: three bytes of bits.

@@ -86,6 +86,26 @@ async fn a_prompt_unit_is_asked_the_same_again_and_another_register_waits_for_th
     assert_eq!(script.asked.last().map(|(.., at)| *at), Some(15), "three times the longest answer");
 }
 
+/// The gateway gives up after 200 ms: the late answer has had its time 900 ms after that.
+#[tokio::test(start_paused = true)]
+async fn a_request_fails_at_once_while_the_late_answer_has_its_time_after_the_gateway_gave_up() {
+    let (mut line, script) = behind(Gateway::ByUnits);
+    is_prompt(&mut line).await;
+    answers(&script, &[Turn::Misses(Duration::from_millis(200))]);
+    let time = line.time.clone();
+    let passes = async {
+        tokio::time::sleep(Duration::from_millis(199)).await;
+        *time.lock().unwrap() = Duration::from_millis(200);
+    };
+    assert_eq!(tokio::join!(line.ask(0, READ, 0), passes).0, MISSED);
+    for at in [901, 1099] {
+        assert_eq!(line.ask(0, OIL, at).await, MISSED, "{at}: not asked");
+    }
+    assert_eq!(asked(&script), 101, "and not waited for");
+    tokio::time::sleep(Duration::from_millis(900)).await;
+    assert_eq!(line.ask(0, OIL, 1101).await, Ok(good()));
+}
+
 #[tokio::test(start_paused = true)]
 async fn a_unit_that_is_not_behind_a_gateway_does_not_wait() {
     let (mut line, script) = behind(Gateway::Absent);
