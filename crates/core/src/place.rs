@@ -283,24 +283,38 @@ impl Former {
             open.iter().filter(is_back).map(|former| former.output.clone()).collect();
         let mut all = open;
         for (name, known) in remembered {
-            let axes = match found.get(name) {
-                Some(Found::Moved(_)) if back.contains(name) => continue,
-                Some(Found::Moved(_)) => BTreeSet::new(),
-                Some(Found::Removed)
-                    if is_something(known.held_um) && !known.place.is_corrected_position() =>
-                {
-                    axes_with_new_outputs(&known.place, &found, profile)
-                }
-                _ => continue,
+            let (output, KnownOutput { place, held_um }) = (name.clone(), known.clone());
+            let former = Former { output, place, held_um, axes: BTreeSet::new() };
+            let is_in_doubt = match found.get(name) {
+                Some(Found::Moved(_)) => !back.contains(name),
+                Some(Found::Removed) => former.keeps_something(),
+                _ => false,
             };
-            let is_known = all.iter().any(|former| former.output == *name && former.place == known.place);
-            if !is_known {
-                let (output, KnownOutput { place, held_um }) = (name.clone(), known.clone());
-                all.push(Former { output, place, held_um, axes });
+            let is_known = all.iter().any(|known| known.output == *name && known.place == former.place);
+            if is_in_doubt && !is_known {
+                all.push(former);
             }
         }
+        // The profile of an earlier start may have had neither the removed output nor the new one.
+        all.iter_mut().for_each(|former| former.bar_new_outputs(&found, profile));
         all.retain_mut(|former| former.is_open(profile));
         all
+    }
+
+    /// Adds the axes whose new outputs could do again what the output did, if it is removed and its register keeps a value of ours.
+    fn bar_new_outputs(
+        &mut self,
+        found: &BTreeMap<String, Found>,
+        profile: &BTreeMap<String, OutputPlace>,
+    ) {
+        if !profile.contains_key(&self.output) && self.keeps_something() {
+            self.axes.extend(axes_with_new_outputs(&self.place, found, profile));
+        }
+    }
+
+    /// Returns whether the register keeps a value of ours without being written.
+    fn keeps_something(&self) -> bool {
+        is_something(self.held_um) && !self.place.is_corrected_position()
     }
 
     /// Brings the axes up to this profile. Returns whether anything is left to confirm.
@@ -318,7 +332,7 @@ impl Former {
     /// Returns whether a value of ours is in a register that is no output's any more.
     pub fn is_left_behind(&self, profile: &BTreeMap<String, OutputPlace>) -> bool {
         let is_ours = profile.values().any(|place| place.is_at(&self.place));
-        !is_ours && is_something(self.held_um) && !self.place.is_corrected_position()
+        !is_ours && self.keeps_something()
     }
 
     /// A person has armed this axis, having seen what is reported of the place. Returns whether anything is left to confirm.

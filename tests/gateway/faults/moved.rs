@@ -302,6 +302,31 @@ fn an_output_that_is_removed_is_named_with_its_value_and_a_new_one_does_not_repe
     assert!(!traces[3].writes("other").is_empty());
 }
 
+#[test]
+fn an_output_that_comes_under_another_name_one_start_after_the_removal_waits_for_a_person() {
+    let (before, after) = BENCH.split_once("[output.cnc_z]").unwrap();
+    let (_, heartbeat) = after.split_once("[heartbeat]").unwrap();
+    let removed = format!("{before}[heartbeat]{heartbeat}");
+    let new = || Run::of(BENCH.replace("[output.cnc_z]", "[output.z2]").replace("holding:104", "holding:106"));
+    for end in [End::Hold, End::Killed] {
+        let directory = tempfile::tempdir().unwrap();
+        let all = vec![Run::of(BENCH).ends(end), Run::of(removed.clone()), new(), new(), new().armed()];
+        let traces = runs(directory.path(), &holds(0), all);
+        assert!(left(&traces[0]) > 5.0);
+        for trace in &traces[1..4] {
+            law::holds(trace);
+            assert_eq!(trace.reported("register-left"), 1, "{}", trace.lines());
+        }
+        for trace in &traces[2..4] {
+            assert_eq!(trace.writes("z2").len(), 0, "{}", trace.lines());
+            assert_eq!(trace.states_between(15, 18), ["off"], "{}", trace.lines());
+        }
+        assert_eq!(traces[4].reported("place-confirmed"), 1, "{}", traces[4].lines());
+        assert!(traces[4].writes("z2").iter().all(|(at, _)| traces[4].seconds(*at) >= 20.0));
+        assert!(!traces[4].writes("z2").is_empty());
+    }
+}
+
 /// The bench with one model that measures the rise of the bed since the start, −4 µm for each degree.
 fn rise() -> String {
     let (before, after) = BENCH.split_once("[[axis.z.model]]").unwrap();

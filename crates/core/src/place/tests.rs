@@ -215,6 +215,35 @@ fn a_removed_output_that_holds_something_is_named_and_bars_the_axes_of_new_outpu
 }
 
 #[test]
+fn an_output_that_is_removed_at_one_start_and_new_at_a_later_one_bars_its_axis_as_at_one_start() {
+    let x = OutputPlace { address: "holding:200 (40201)".into(), axis: "x".into(), ..output() };
+    let new = OutputPlace { address: "holding:105 (40106)".into(), ..output() };
+    let renamed_axis = OutputPlace { axis: "w".into(), ..new.clone() };
+    for (is, axis, others) in [(&new, "z", &["x"][..]), (&renamed_axis, "w", &["x"]), (&new, "z", &[])] {
+        let others: Vec<_> = others.iter().map(|_| ("cnc_x", &x)).collect();
+        let with_held = |all: &[(&str, &OutputPlace)], held| {
+            known(&all.iter().map(|(name, place)| (*name, *place, Some(held))).collect::<Vec<_>>())
+        };
+        let removed = output();
+        let first: Vec<_> = others.iter().copied().chain([("cnc_z", &removed)]).collect();
+        let now = named(&others);
+        let mut open = Former::after(Vec::new(), &with_held(&first, 20.0), &now);
+        for _ in 0..2 {
+            open = Former::after(open, &with_held(&others, 20.0), &now);
+            assert_eq!(after(open.clone(), &with_held(&others, 20.0), &now), [row("cnc_z", &[], true)]);
+        }
+        let both: Vec<_> = others.iter().copied().chain([("z2", is)]).collect();
+        let now = named(&both);
+        open = Former::after(open, &with_held(&others, 20.0), &now);
+        for _ in 0..2 {
+            let rows = after(open.clone(), &with_held(&both, 0.0), &now);
+            assert_eq!(rows, [row("cnc_z", &[axis], true)], "{is:?}");
+            open = Former::after(open, &with_held(&both, 0.0), &now);
+        }
+    }
+}
+
+#[test]
 fn what_no_person_has_confirmed_is_open_over_any_number_of_starts_and_ends_with_a_person_or_the_old_place() {
     let elsewhere = OutputPlace { address: "holding:106 (40107)".into(), ..output() };
     let now = named(&[("cnc_z", &elsewhere)]);
