@@ -326,7 +326,7 @@ impl Core {
                     }
                     self.events.push(Event::Armed { axis: name.clone(), from, way, who });
                     if by_person && !self.given.dry_run {
-                        let confirmed = self.places.confirm(name);
+                        let confirmed = self.places.confirm(name, profile);
                         if !confirmed.is_empty() {
                             self.storage.remember_soon();
                         }

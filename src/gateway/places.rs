@@ -211,13 +211,17 @@ impl Moves {
     }
 
     /// A person has armed an axis, having seen what is reported of its outputs: their places are confirmed.
-    pub(super) fn confirm(&mut self, axis: &str) -> Vec<Event> {
+    pub(super) fn confirm(&mut self, axis: &str, profile: &Profile) -> Vec<Event> {
+        let may_arm = |name: &str| {
+            let mut axes = profile.axes.iter();
+            axes.any(|axis| axis.settings.name == name && axis.has_model())
+        };
         if self.places.former.is_empty() {
             return Vec::new();
         }
         let mut confirmed = Vec::new();
         Arc::make_mut(&mut self.places).former.retain_mut(|former| {
-            let is_open = former.confirm(axis);
+            let is_open = former.confirm(axis, may_arm);
             if !is_open {
                 confirmed.push(former.output.clone());
             }

@@ -335,10 +335,11 @@ impl Former {
         !is_ours && self.keeps_something()
     }
 
-    /// A person has armed this axis, having seen what is reported of the place. Returns whether anything is left to confirm.
-    pub fn confirm(&mut self, axis: &str) -> bool {
-        self.axes.remove(axis);
-        !self.axes.is_empty()
+    /// A person has armed this axis, having seen what is reported of the place. Returns whether anything is left to confirm. If no axis
+    /// waits, only arming the axis of the output ends it, if that can be armed (`may_arm`).
+    pub fn confirm(&mut self, axis: &str, may_arm: impl Fn(&str) -> bool) -> bool {
+        let is_of_it = self.axes.remove(axis) || self.place.axis == axis || !may_arm(&self.place.axis);
+        !(is_of_it && self.axes.is_empty())
     }
 }
 

@@ -262,8 +262,24 @@ fn what_no_person_has_confirmed_is_open_over_any_number_of_starts_and_ends_with_
         "it is back, and nothing was written between"
     );
     let mut former = open.remove(0);
-    assert!(former.confirm("x"), "another axis says nothing");
-    assert!(!former.confirm("z"));
+    assert!(former.confirm("x", |_| true), "another axis says nothing");
+    assert!(!former.confirm("z", |_| true));
+}
+
+#[test]
+fn a_removed_output_for_which_no_axis_waits_ends_with_its_own_axis_or_with_any_if_that_cannot_be_armed() {
+    let former = |axes: &[&str]| Former {
+        output: "cnc_z".to_owned(),
+        place: output(),
+        held_um: Some(20.0),
+        axes: axes.iter().map(|axis| (*axis).to_owned()).collect(),
+    };
+    assert!(former(&[]).confirm("x", |_| true), "axis z can be armed, and was not");
+    assert!(!former(&[]).confirm("z", |_| true));
+    assert!(!former(&[]).confirm("x", |axis| axis != "z"), "no arming of z will come");
+    assert!(!former(&["w"]).confirm("w", |axis| axis != "z"));
+    assert!(former(&["w"]).confirm("x", |axis| axis != "z"), "w waits");
+    assert!(!former(&["x"]).confirm("x", |_| true), "it has taken the register");
 }
 
 #[test]
