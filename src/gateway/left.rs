@@ -127,7 +127,9 @@ pub(super) fn begin(core: &mut Core, (places, is_lost): (Places, bool), recalled
 
 /// Outputs as a run left them.
 fn outputs(recalled: &Recalled, entries: &Entries) -> BTreeMap<String, KnownOutput> {
-    let of_entries = entries.iter().filter_map(|(name, entry)| Some((name, entry.place.as_ref()?)));
+    let entries: BTreeMap<&String, &Entry> =
+        entries.iter().map(|(name, entry)| (recalled.renamed.get(name).unwrap_or(name), entry)).collect();
+    let of_entries = entries.iter().filter_map(|(name, entry)| Some((*name, entry.place.as_ref()?)));
     // The state has also the outputs to which nothing was written.
     let all = of_entries.chain(&recalled.places.outputs);
     let known = all.map(|(name, place)| {

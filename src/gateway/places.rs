@@ -96,9 +96,26 @@ impl Places {
         let found = place::compare(&self.signals, &now.signals).into_iter();
         let moved = found.filter_map(|(name, found)| match found {
             Found::Moved(moved) => Some((name, moved)),
-            Found::Same | Found::Unknown | Found::Removed => None,
+            Found::Same | Found::Renamed(_) | Found::Unknown | Found::Removed => None,
         });
         moved.collect()
+    }
+
+    /// Names of outputs that have another name at the same place in this profile, each with the new one.
+    pub(super) fn new_names(&self, now: &Places) -> BTreeMap<String, String> {
+        let found = place::compare(&self.outputs, &now.outputs).into_iter();
+        let renamed = found.filter_map(|(name, found)| match found {
+            Found::Renamed(former) => Some((former, name)),
+            Found::Same | Found::Moved(_) | Found::Unknown | Found::Removed => None,
+        });
+        renamed.collect()
+    }
+
+    /// The same with these new names of outputs.
+    pub(super) fn renamed(self, names: &BTreeMap<String, String>) -> Places {
+        let outputs = renamed(self.outputs, names);
+        let former = self.former.into_iter().map(|former| former.renamed(names)).collect();
+        Places { outputs, former, ..self }
     }
 
     /// Places of this profile after a run that left these outputs and knew former places.
@@ -232,6 +249,11 @@ impl Moves {
         confirmed.dedup();
         confirmed.into_iter().map(|output| Event::PlaceConfirmed { output }).collect()
     }
+}
+
+/// The same by the new names of the outputs.
+pub(super) fn renamed<T>(all: BTreeMap<String, T>, names: &BTreeMap<String, String>) -> BTreeMap<String, T> {
+    all.into_iter().map(|(name, one)| (names.get(&name).cloned().unwrap_or(name), one)).collect()
 }
 
 /// Explains why what was captured from a signal is not used.

@@ -6,7 +6,7 @@
 //! | remembered under a name | in the profile | result |
 //! |---|---|---|
 //! | this place | this place | [`Found::Same`] |
-//! | nothing | this place, which another name had that is gone | [`Found::Same`] |
+//! | nothing | this place, which another name had that is gone | [`Found::Renamed`] |
 //! | nothing | another place | [`Found::Unknown`] |
 //! | another place | this place | [`Found::Moved`] |
 //! | a place | nothing | [`Found::Removed`] |
@@ -182,6 +182,8 @@ impl Place for SignalPlace {
 pub enum Found {
     /// The place is the remembered one.
     Same,
+    /// The place is the one of a former name, which the profile does not have any more.
+    Renamed(String),
     /// No place is remembered under this name.
     Unknown,
     /// Another place is remembered under this name.
@@ -226,13 +228,16 @@ pub fn compare<P: Place>(
     for (name, is) in profile {
         let result = match remembered.get(name) {
             Some(was) => Moved::between(was, is).map_or(Found::Same, Found::Moved),
-            None => match gone().find(|(_, was)| Moved::between(*was, is).is_none()) {
-                Some((former, _)) => {
-                    renamed.insert(former.clone());
-                    Found::Same
+            None => {
+                let mut left = gone().filter(|(former, _)| !renamed.contains(*former));
+                match left.find(|(_, was)| Moved::between(*was, is).is_none()) {
+                    Some((former, _)) => {
+                        renamed.insert(former.clone());
+                        Found::Renamed(former.clone())
+                    }
+                    None => Found::Unknown,
                 }
-                None => Found::Unknown,
-            },
+            }
         };
         found.insert(name.clone(), result);
     }
@@ -266,6 +271,12 @@ pub struct Former {
 }
 
 impl Former {
+    /// The output has a new name at the same place.
+    pub fn renamed(self, names: &BTreeMap<String, String>) -> Former {
+        let output = names.get(&self.output).cloned().unwrap_or(self.output);
+        Former { output, ..self }
+    }
+
     /// Returns the former places after a start, with the axes that wait for a person: those of earlier starts that nobody has
     /// confirmed (`open`), and those that the profile does not have any more.
     pub fn after(

@@ -361,9 +361,31 @@ fn readout() -> String {
     format!("{before}[heartbeat]{heartbeat}")
 }
 
+#[test]
+fn an_output_with_another_name_at_its_place_continues_from_its_value_also_in_a_second_doubtful_place() {
+    let named = |text: &str| Run::of(text.replace("[output.cnc_z]", "[output.feed_z]"));
+    let elsewhere = BENCH.replace("holding:104", "holding:106");
+    let directory = tempfile::tempdir().unwrap();
+    let all = vec![Run::of(BENCH), named(BENCH), named(&elsewhere), Run::of(elsewhere.clone())];
+    let traces = runs(directory.path(), &holds(0), all);
+    let renamed = &traces[1];
+    law::holds(renamed);
+    let from = format!("armed, starting from {:.1} µm", left(&traces[0]));
+    assert!(renamed.lines().contains(&from), "{from}\n{}", renamed.lines());
+    assert!(renamed.lines().contains("armed before"), "{}", renamed.lines());
+    assert_eq!(renamed.reported("output-moved") + renamed.reported("register-left"), 0);
+    for (trace, name) in [(&traces[2], "feed_z"), (&traces[3], "cnc_z")] {
+        law::holds(trace);
+        assert_eq!(trace.writes(name).len(), 0, "{}", trace.lines());
+        let moved = told(trace, "output-moved");
+        let was = format!("output {name} was holding:104 (40105)");
+        assert!(moved[0].contains(&was), "{was}: {moved:#?}");
+    }
+}
+
 /// What each write to the readout had beside the position, in µm of its register.
 fn beside_the_position(trace: &Trace) -> Vec<(Moment, f64)> {
-    let output = trace.profile.outputs.iter().find(|output| output.name == "readout_z").unwrap();
+    let output = trace.profile.outputs.iter().find(|output| output.writes.position().is_some()).unwrap();
     let scale = trace.profile.signals.iter().find(|signal| signal.name == "scale_z").unwrap();
     let (mut position, mut found) = (None, Vec::new());
     for seen in &trace.wire {
@@ -387,8 +409,10 @@ fn a_readout_moves_by_a_step_at_most_over_a_restart_whatever_has_changed() {
         off: Default::default(),
     };
     let wide = || readout().replace("deadband = 0.1", "deadband = 0.1\ndiameter = true");
-    let rows: [(&str, String, f64); 4] = [
+    let named = readout().replace("[output.readout_z]", "[output.display_z]");
+    let rows: [(&str, String, f64); 5] = [
         ("nothing", readout(), 1.0),
+        ("another name", named, 1.0),
         ("a smaller limit", readout().replace("limit = 40.0", "limit = 3.0"), 1.0),
         ("diameter", wide(), 2.0),
         ("another axis", renamed(), 1.0),

@@ -119,7 +119,7 @@ fn the_same_place_a_new_one_a_renamed_one_and_one_that_is_gone() {
     let found = compare(&remembered, &now);
     let of = |name: &str| found.get(name);
     assert_eq!((of("a"), of("b")), (Some(&Found::Same), None), "b is called c now");
-    assert_eq!((of("c"), of("d")), (Some(&Found::Same), Some(&Found::Unknown)));
+    assert_eq!((of("c"), of("d")), (Some(&Found::Renamed("b".to_owned())), Some(&Found::Unknown)));
     let found = compare(&remembered, &named(&[("a", &output())]));
     assert_eq!(found.get("b"), Some(&Found::Removed));
     let found = compare(&BTreeMap::new(), &now);
