@@ -1,7 +1,7 @@
 //! Places of the outputs and signals of a profile: what is saved of them, which axes wait for a person because of them, and what
 //! is reported. [`isotherm_core::place`] decides.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -24,6 +24,9 @@ pub(super) struct Places {
     /// Those that outputs had before, and that nobody has confirmed.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     former: Vec<Former>,
+    /// Outputs whose place was only read: the gateway has written nothing there.
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
+    only_read: BTreeSet<String>,
 }
 
 /// Places of this run and what is reported of the former ones.
@@ -88,7 +91,7 @@ impl Places {
     pub(super) fn of(profile: &Profile) -> Places {
         let outputs = profile.outputs.iter().map(|output| (output.name.clone(), of_output(profile, output)));
         let signals = profile.signals.iter().map(|signal| (signal.name.clone(), of_signal(profile, signal)));
-        Places { outputs: outputs.collect(), signals: signals.collect(), former: Vec::new() }
+        Places { outputs: outputs.collect(), signals: signals.collect(), ..Places::default() }
     }
 
     /// Signals that have another place in this profile.
@@ -115,14 +118,35 @@ impl Places {
     pub(super) fn renamed(self, names: &BTreeMap<String, String>) -> Places {
         let outputs = renamed(self.outputs, names);
         let former = self.former.into_iter().map(|former| former.renamed(names)).collect();
-        Places { outputs, former, ..self }
+        let new = |name: String| names.get(&name).cloned().unwrap_or(name);
+        let only_read = self.only_read.into_iter().map(new).collect();
+        Places { outputs, former, only_read, ..self }
     }
 
-    /// Places of this profile after a run that left these outputs and knew former places.
-    pub(super) fn after(self, profile: &Profile, left: &BTreeMap<String, KnownOutput>) -> Places {
+    /// Returns whether the gateway may have written to an output at its place.
+    pub(super) fn was_driven(&self, output: &str) -> bool {
+        !self.only_read.contains(output)
+    }
+
+    /// Places of this profile after a run that left these outputs and knew former places. `is_first`: no run has left anything.
+    pub(super) fn after(
+        self,
+        profile: &Profile,
+        left: &BTreeMap<String, KnownOutput>,
+        is_first: bool,
+    ) -> Places {
         let now = Places::of(profile);
+        // A document of layout 5 has no places: it does not say what was written.
+        let is_new_unwritten = is_first || !self.outputs.is_empty();
+        let found = place::compare(&self.outputs, &now.outputs);
+        let is_only_read = |name: &String| match found.get(name) {
+            Some(Found::Same | Found::Renamed(_)) => self.only_read.contains(name),
+            Some(Found::Moved(_)) => self.former.iter().all(|former| former.output != *name),
+            Some(Found::Unknown | Found::Removed) | None => is_new_unwritten,
+        };
+        let only_read = now.outputs.keys().filter(|name| is_only_read(name)).cloned().collect();
         let former = Former::after(self.former, left, &now.outputs);
-        Places { former, ..now }
+        Places { former, only_read, ..now }
     }
 
     /// Cz that a corrected position had last, in µm of the axis that it has now. `None` if its place does not tell.
@@ -186,6 +210,22 @@ impl Moves {
             Some((AxisId(place), self.places.explained(former, None)))
         });
         barred.collect()
+    }
+
+    /// Takes note of the outputs that are driven at their places. Returns whether one of them was only read before.
+    pub(super) fn drive(&mut self, profile: &Profile, is_driven: impl Fn(OutputId) -> bool) -> bool {
+        if self.places.only_read.is_empty() {
+            return false;
+        }
+        let outputs = profile.outputs.iter().enumerate();
+        let driven = outputs.filter(|(place, _)| is_driven(OutputId(*place)));
+        let mut is_new = false;
+        for (_, output) in driven {
+            if !self.places.was_driven(&output.name) {
+                is_new |= Arc::make_mut(&mut self.places).only_read.remove(&output.name);
+            }
+        }
+        is_new
     }
 
     /// Returns whether this output had another place that is not confirmed.

@@ -254,6 +254,17 @@ pub struct KnownOutput {
     pub place: OutputPlace,
     /// Cz of ours in it as last verified, µm. `None` if that is not known.
     pub held_um: Option<f64>,
+    /// The gateway may have written to it. A register that was only read holds nothing of ours.
+    pub was_driven: bool,
+}
+
+impl KnownOutput {
+    /// Returns whether a person must see both places before this one is written: there may be a value of ours at the former one, or
+    /// what the operator has in it is to become ours.
+    fn is_in_doubt(&self, is: Option<&OutputPlace>) -> bool {
+        let becomes_ours = is.is_some_and(|is| (self.place.share, is.share) == (Owner::Ledger, Owner::Whole));
+        self.was_driven || becomes_ours
+    }
 }
 
 /// Place that an output had before, until a person has confirmed the new one.
@@ -294,11 +305,11 @@ impl Former {
             open.iter().filter(is_back).map(|former| former.output.clone()).collect();
         let mut all = open;
         for (name, known) in remembered {
-            let (output, KnownOutput { place, held_um }) = (name.clone(), known.clone());
+            let (output, KnownOutput { place, held_um, .. }) = (name.clone(), known.clone());
             let former = Former { output, place, held_um, axes: BTreeSet::new() };
             let is_in_doubt = match found.get(name) {
-                Some(Found::Moved(_)) => !back.contains(name),
-                Some(Found::Removed) => former.keeps_something(),
+                Some(Found::Moved(_)) => !back.contains(name) && known.is_in_doubt(profile.get(name)),
+                Some(Found::Removed) => known.was_driven && former.keeps_something(),
                 _ => false,
             };
             let is_known = all.iter().any(|known| known.output == *name && known.place == former.place);
@@ -313,11 +324,7 @@ impl Former {
     }
 
     /// Adds the axes whose new outputs could do again what the output did, if it is removed and its register keeps a value of ours.
-    fn bar_new_outputs(
-        &mut self,
-        found: &BTreeMap<String, Found>,
-        profile: &BTreeMap<String, OutputPlace>,
-    ) {
+    fn bar_new_outputs(&mut self, found: &BTreeMap<String, Found>, profile: &BTreeMap<String, OutputPlace>) {
         if !profile.contains_key(&self.output) && self.keeps_something() {
             self.axes.extend(axes_with_new_outputs(&self.place, found, profile));
         }

@@ -12,11 +12,11 @@ fn grinder() -> Profile {
 fn started(before: &Profile, after: &Profile, held_um: Option<f64>) -> Moves {
     let places = Places::of(before);
     let left = places.outputs.iter().map(|(name, place)| {
-        let known = KnownOutput { place: place.clone(), held_um };
+        let known = KnownOutput { place: place.clone(), held_um, was_driven: true };
         (name.clone(), known)
     });
     let left = left.collect();
-    Moves::new(places.after(after, &left), after)
+    Moves::new(places.after(after, &left, false), after)
 }
 
 fn kinds(events: &[Event]) -> Vec<String> {

@@ -31,11 +31,12 @@ struct Run {
     end: End,
     arm: Option<Duration>,
     keep: Option<Handover>,
+    is_dry: bool,
 }
 
 impl Run {
     fn of(text: impl Into<String>) -> Run {
-        Run { text: text.into(), end: End::Hold, arm: None, keep: None }
+        Run { text: text.into(), end: End::Hold, arm: None, keep: None, is_dry: false }
     }
 
     fn ends(self, end: End) -> Run {
@@ -44,6 +45,10 @@ impl Run {
 
     fn armed(self) -> Run {
         Run { arm: Some(ARMED), ..self }
+    }
+
+    fn dry(self) -> Run {
+        Run { is_dry: true, ..self }
     }
 
     fn kept(self, handover: Handover) -> Run {
@@ -65,6 +70,7 @@ fn runs(directory: &Path, faults: &str, runs: Vec<Run>) -> Vec<Trace> {
             let trial = world.gateway().options(|options| {
                 options.directory = Some(directory.to_owned());
                 options.handover = Ok(run.keep);
+                options.dry_run = run.is_dry;
             });
             let trial = match run.arm {
                 Some(after) => trial.command(after, Command::Arm),
@@ -307,7 +313,8 @@ fn an_output_that_comes_under_another_name_one_start_after_the_removal_waits_for
     let (before, after) = BENCH.split_once("[output.cnc_z]").unwrap();
     let (_, heartbeat) = after.split_once("[heartbeat]").unwrap();
     let removed = format!("{before}[heartbeat]{heartbeat}");
-    let new = || Run::of(BENCH.replace("[output.cnc_z]", "[output.z2]").replace("holding:104", "holding:106"));
+    let new =
+        || Run::of(BENCH.replace("[output.cnc_z]", "[output.z2]").replace("holding:104", "holding:106"));
     for end in [End::Hold, End::Killed] {
         let directory = tempfile::tempdir().unwrap();
         let all = vec![Run::of(BENCH).ends(end), Run::of(removed.clone()), new(), new(), new().armed()];
@@ -359,6 +366,41 @@ fn readout() -> String {
     let (before, after) = BENCH.split_once("[output.cnc_z]").unwrap();
     let (_, heartbeat) = after.split_once("[heartbeat]").unwrap();
     format!("{before}[heartbeat]{heartbeat}")
+}
+
+#[test]
+fn a_register_that_was_only_read_is_not_called_ours_and_the_right_one_waits_for_nobody() {
+    let unarmed = || Run::of(BENCH.replace("arm  = \"auto\"", "arm  = \"manual\""));
+    let right = || Run::of(BENCH.replace("holding:104", "holding:106"));
+    let (before, after) = BENCH.split_once("[output.cnc_z]").unwrap();
+    let (_, heartbeat) = after.split_once("[heartbeat]").unwrap();
+    let removed = || Run::of(format!("{before}[heartbeat]{heartbeat}"));
+    let firsts = [
+        unarmed,
+        || Run::of(BENCH.replace("arm  = \"auto\"", "arm  = \"manual\"")).ends(End::Killed),
+        || Run::of(BENCH).dry(),
+    ];
+    for (place, first) in firsts.into_iter().enumerate() {
+        for next in [right(), removed()] {
+            let directory = tempfile::tempdir().unwrap();
+            let is_removed = !next.text.contains("cnc_z");
+            let traces = runs(directory.path(), &holds(123), vec![first(), first(), next]);
+            let [read, _, next] = &traces[..] else { panic!() };
+            assert_eq!(read.writes("cnc_z").len(), 0, "{place}: {}", read.lines());
+            assert!((left(read) - 12.3).abs() < 0.01, "{place}: it was read: {}", left(read));
+            law::holds(next);
+            assert_eq!(
+                (next.reported("output-moved"), next.reported("register-left"), next.reported("armed")),
+                (0, 0, 1),
+                "{place}, {is_removed}: {}",
+                next.lines()
+            );
+            if !is_removed {
+                let first = next.writes("cnc_z")[0];
+                assert!(first.1.abs() <= 1.0, "it walks in from what the new one holds: {first:?}");
+            }
+        }
+    }
 }
 
 #[test]

@@ -31,7 +31,8 @@ fn named<P: Clone>(all: &[(&str, &P)]) -> BTreeMap<String, P> {
 }
 
 fn known(all: &[(&str, &OutputPlace, Option<f64>)]) -> BTreeMap<String, KnownOutput> {
-    let known = |place: &OutputPlace, held_um| KnownOutput { place: place.clone(), held_um };
+    let known =
+        |place: &OutputPlace, held_um| KnownOutput { place: place.clone(), held_um, was_driven: true };
     all.iter().map(|(name, place, held_um)| ((*name).to_owned(), known(place, *held_um))).collect()
 }
 
@@ -212,6 +213,26 @@ fn a_removed_output_that_holds_something_is_named_and_bars_the_axes_of_new_outpu
             assert_eq!(after(Vec::new(), &remembered(held), &now), none(), "{held:?}");
         }
     }
+}
+
+#[test]
+fn a_register_that_was_only_read_leaves_nothing_of_ours_and_bars_nothing() {
+    let elsewhere = OutputPlace { address: "holding:106 (40107)".into(), ..output() };
+    let scaled = OutputPlace { scale: -0.1, ..output() };
+    let shared = OutputPlace { share: Owner::Ledger, ..output() };
+    let read = |place: &OutputPlace| {
+        let mut known = known(&[("cnc_z", place, Some(123.0))]);
+        known.values_mut().for_each(|known| known.was_driven = false);
+        known
+    };
+    for is in [&elsewhere, &scaled, &shared] {
+        assert_eq!(after(Vec::new(), &read(&output()), &named(&[("cnc_z", is)])), none(), "{is:?}");
+    }
+    for now in [named(&[]), named(&[("z2", &elsewhere)])] {
+        assert_eq!(after(Vec::new(), &read(&output()), &now), none(), "{now:?}");
+    }
+    let all_ours = after(Vec::new(), &read(&shared), &named(&[("cnc_z", &output())]));
+    assert_eq!(all_ours, [row("cnc_z", &["z"], false)], "the operator has an offset in it");
 }
 
 #[test]
