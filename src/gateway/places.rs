@@ -21,7 +21,7 @@ pub(super) struct Places {
     pub(super) outputs: BTreeMap<String, OutputPlace>,
     /// By name of the signal.
     pub(super) signals: BTreeMap<String, SignalPlace>,
-    /// Those that outputs had before, and that nobody has confirmed.
+    /// Those that outputs had before, and that wait for a person.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     former: Vec<Former>,
     /// Outputs whose place was only read: the gateway has written nothing there.
@@ -172,7 +172,7 @@ impl Places {
                 format!(
                     "output {output} is not in the profile any more; {held} of ours were verified in {place}"
                 ),
-                "set that register to zero at the control if nothing else is to stay there, then arm the axis",
+                "set that register to zero at the control unless the operator needs the value, then arm the axis",
             );
         };
         let held = held.map_or("what it held is not known".to_owned(), |held| {

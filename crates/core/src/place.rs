@@ -36,7 +36,7 @@ pub enum Part {
     Bias,
     /// Value of raw zero.
     Offset,
-    /// Whose register it is.
+    /// Owner of the register.
     Share,
     /// What is written.
     Writes,
@@ -60,7 +60,7 @@ pub trait Place {
     fn parts(&self) -> Vec<(Part, String)>;
 }
 
-/// Whose register an output writes to.
+/// Owner of the register of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Owner {
@@ -87,7 +87,7 @@ pub struct OutputPlace {
     pub scale: f64,
     /// Added to the raw count.
     pub bias: i64,
-    /// Whose register it is.
+    /// Owner of the register.
     pub share: Owner,
     /// What is written.
     pub writes: String,
@@ -288,8 +288,8 @@ impl Former {
         Former { output, ..self }
     }
 
-    /// Returns the former places after a start, with the axes that wait for a person: those of earlier starts that nobody has
-    /// confirmed (`open`), and those that the profile does not have any more.
+    /// Returns the former places after a start, with the axes that wait for a person: those of earlier starts that wait for
+    /// it (`open`), and those that the profile does not have any more.
     pub fn after(
         open: Vec<Former>,
         remembered: &BTreeMap<String, KnownOutput>,
