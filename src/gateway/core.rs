@@ -200,7 +200,7 @@ impl Core {
         }
         self.disarm_tripped(profile);
         let has_learned = self.report_probings(profile, now);
-        let is_urgent = has_learned || self.moves_a_position();
+        let is_urgent = self.notes_driven() | has_learned | self.moves_a_position();
         let of_profile = (&**profile, &self.places.places);
         self.storage.remember((now, is_urgent), &self.compensation, of_profile, self.outputs.states());
         if stepped.noticed.started {
@@ -214,6 +214,16 @@ impl Core {
         self.report_signals(profile, now);
         self.report_axes(profile, now);
         true
+    }
+
+    /// Takes note of the outputs to which something may be written from now on. Returns whether the state does not say so yet.
+    fn notes_driven(&mut self) -> bool {
+        let Core { places, arming, outputs, given, .. } = self;
+        let is_driven = |id: OutputId| {
+            let arming = &arming[given.profile.output(id).axis.0];
+            arming.armed || arming.sign.is_some() || outputs[id.0].writes > 0
+        };
+        !given.dry_run && places.drive(&given.profile, is_driven)
     }
 
     /// Returns whether a corrected position is about to be more than one step away from what the state says of it.
@@ -328,7 +338,7 @@ impl Core {
                     }
                     self.events.push(Event::Armed { axis: name.clone(), from, way, who });
                     if by_person && !self.given.dry_run {
-                        let confirmed = self.places.confirm(name);
+                        let confirmed = self.places.confirm(name, profile);
                         if !confirmed.is_empty() {
                             self.storage.remember_soon();
                         }

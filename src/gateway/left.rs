@@ -72,7 +72,8 @@ impl Left {
             Ok(Some(content)) => &content.outputs,
             Ok(None) | Err(_) => &nothing,
         };
-        let places = recalled.places.clone().after(profile, &outputs(&recalled, entries));
+        let places = recalled.places.clone();
+        let places = places.after(profile, &outputs(&recalled, entries), opened.is_first && !is_lost);
         let mut left = Left { recalled, correction: None, opened: Some(opened), places, is_lost };
         left.correction = left.recalled.goes_on((directory, machine), (journal, clock));
         left
@@ -119,7 +120,12 @@ pub(super) fn begin(core: &mut Core, (places, is_lost): (Places, bool), recalled
             core.events.push(Event::PositionFromZero { output: name.clone() });
         }
     }
-    core.storage.left_um = recalled.verified_um;
+    let mut left_um = recalled.verified_um;
+    left_um.retain(|name, _| {
+        let (was, is) = (recalled.places.outputs.get(name), places.outputs.get(name));
+        was.zip(is).is_none_or(|(was, is)| was.is_same_register(is))
+    });
+    core.storage.left_um = left_um;
     core.places = Moves::new(places, &profile);
     core.storage.left_um.retain(|name, _| !core.places.is_in_doubt(name));
     core.events.extend(core.places.events());
@@ -127,13 +133,19 @@ pub(super) fn begin(core: &mut Core, (places, is_lost): (Places, bool), recalled
 
 /// Outputs as a run left them.
 fn outputs(recalled: &Recalled, entries: &Entries) -> BTreeMap<String, KnownOutput> {
-    let of_entries = entries.iter().filter_map(|(name, entry)| Some((name, entry.place.as_ref()?)));
+    let entries: BTreeMap<&String, &Entry> =
+        entries.iter().map(|(name, entry)| (recalled.renamed.get(name).unwrap_or(name), entry)).collect();
+    let of_entries = entries.iter().filter_map(|(name, entry)| Some((*name, entry.place.as_ref()?)));
     // The state has also the outputs to which nothing was written.
     let all = of_entries.chain(&recalled.places.outputs);
     let known = all.map(|(name, place)| {
         let share = entries.get(name).and_then(|entry| share_um(entry, place));
-        let held_um = share.or(recalled.verified_um.get(name).copied());
-        (name.clone(), KnownOutput { place: place.clone(), held_um })
+        // The state of a run that was killed may be older than its first write.
+        let is_promised = entries.get(name).is_some_and(|entry| entry.kept.promises.iter().next().is_some());
+        let was_driven = is_promised || recalled.places.was_driven(name);
+        let verified = recalled.verified_um.get(name).filter(|_| was_driven);
+        let held_um = share.or(verified.copied());
+        (name.clone(), KnownOutput { place: place.clone(), held_um, was_driven })
     });
     known.collect()
 }
@@ -153,7 +165,7 @@ pub fn moved_since(directory: &Path, profile: &Profile) -> Vec<String> {
     let Some(content) = store::content(directory, &profile.name) else { return Vec::new() };
     let Ok(mut recalled) = Memory::recall(content.state, profile) else { return Vec::new() };
     let left = outputs(&recalled, &content.outputs);
-    let places = std::mem::take(&mut recalled.places).after(profile, &left);
+    let places = std::mem::take(&mut recalled.places).after(profile, &left, false);
     let signals = recalled.moved.iter().map(|(signal, moved)| why_forgotten(signal, moved));
     places.explain().into_iter().chain(signals).map(|why| why.to_string()).collect()
 }

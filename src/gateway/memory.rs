@@ -9,7 +9,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::places::Places;
+use super::places::{Places, renamed};
 use super::sign::SignMemory;
 use super::store::{by_name, by_place};
 use isotherm_core::compensation::Remembered;
@@ -61,6 +61,8 @@ pub(super) struct Recalled {
     pub(super) signs: BTreeMap<String, SignMemory>,
     /// Places that signals and outputs had.
     pub(super) places: Places,
+    /// Outputs that have another name at the same place, each with the new one. What is remembered has the new ones.
+    pub(super) renamed: BTreeMap<String, String>,
     /// Signals that have another place now, if something was captured from them. It is forgotten.
     pub(super) moved: BTreeMap<String, Moved>,
 }
@@ -102,13 +104,16 @@ impl Memory {
             by_place(&mut state.machine, &signals);
             let mut remembered: Remembered = serde_json::from_value(state.machine)?;
             let SavedState { at, verified_um, signs, places, .. } = state;
-            let mut moved = places.moved_signals(&Places::of(profile));
+            let now = Places::of(profile);
+            let mut moved = places.moved_signals(&now);
+            let names = places.new_names(&now);
+            let (places, verified_um) = (places.renamed(&names), renamed(verified_um, &names));
             let axes: Vec<AxisSettings> = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
             moved.retain(|name, _| {
                 let place = signals.iter().position(|signal| *signal == name.as_str());
                 place.is_some_and(|place| remembered.forget(SignalId(place), &axes))
             });
-            Ok(Recalled { remembered, at: Some(at), verified_um, signs, places, moved })
+            Ok(Recalled { remembered, at: Some(at), verified_um, signs, places, renamed: names, moved })
         });
         read.map_err(|error| error.to_string())
     }

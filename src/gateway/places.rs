@@ -1,7 +1,7 @@
 //! Places of the outputs and signals of a profile: what is saved of them, which axes wait for a person because of them, and what
 //! is reported. [`isotherm_core::place`] decides.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -21,9 +21,12 @@ pub(super) struct Places {
     pub(super) outputs: BTreeMap<String, OutputPlace>,
     /// By name of the signal.
     pub(super) signals: BTreeMap<String, SignalPlace>,
-    /// Those that outputs had before, and that nobody has confirmed.
+    /// Those that outputs had before, and that wait for a person.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     former: Vec<Former>,
+    /// Outputs whose place was only read: the gateway has written nothing there.
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
+    only_read: BTreeSet<String>,
 }
 
 /// Places of this run and what is reported of the former ones.
@@ -88,7 +91,7 @@ impl Places {
     pub(super) fn of(profile: &Profile) -> Places {
         let outputs = profile.outputs.iter().map(|output| (output.name.clone(), of_output(profile, output)));
         let signals = profile.signals.iter().map(|signal| (signal.name.clone(), of_signal(profile, signal)));
-        Places { outputs: outputs.collect(), signals: signals.collect(), former: Vec::new() }
+        Places { outputs: outputs.collect(), signals: signals.collect(), ..Places::default() }
     }
 
     /// Signals that have another place in this profile.
@@ -96,16 +99,54 @@ impl Places {
         let found = place::compare(&self.signals, &now.signals).into_iter();
         let moved = found.filter_map(|(name, found)| match found {
             Found::Moved(moved) => Some((name, moved)),
-            Found::Same | Found::Unknown | Found::Removed => None,
+            Found::Same | Found::Renamed(_) | Found::Unknown | Found::Removed => None,
         });
         moved.collect()
     }
 
-    /// Places of this profile after a run that left these outputs and knew former places.
-    pub(super) fn after(self, profile: &Profile, left: &BTreeMap<String, KnownOutput>) -> Places {
+    /// Names of outputs that have another name at the same place in this profile, each with the new one.
+    pub(super) fn new_names(&self, now: &Places) -> BTreeMap<String, String> {
+        let found = place::compare(&self.outputs, &now.outputs).into_iter();
+        let renamed = found.filter_map(|(name, found)| match found {
+            Found::Renamed(former) => Some((former, name)),
+            Found::Same | Found::Moved(_) | Found::Unknown | Found::Removed => None,
+        });
+        renamed.collect()
+    }
+
+    /// The same with these new names of outputs.
+    pub(super) fn renamed(self, names: &BTreeMap<String, String>) -> Places {
+        let outputs = renamed(self.outputs, names);
+        let former = self.former.into_iter().map(|former| former.renamed(names)).collect();
+        let new = |name: String| names.get(&name).cloned().unwrap_or(name);
+        let only_read = self.only_read.into_iter().map(new).collect();
+        Places { outputs, former, only_read, ..self }
+    }
+
+    /// Returns whether the gateway may have written to an output at its place.
+    pub(super) fn was_driven(&self, output: &str) -> bool {
+        !self.only_read.contains(output)
+    }
+
+    /// Places of this profile after a run that left these outputs and knew former places. `is_first`: no run has left anything.
+    pub(super) fn after(
+        self,
+        profile: &Profile,
+        left: &BTreeMap<String, KnownOutput>,
+        is_first: bool,
+    ) -> Places {
         let now = Places::of(profile);
+        // A document of layout 5 has no places: it does not say what was written.
+        let is_new_unwritten = is_first || !self.outputs.is_empty();
+        let found = place::compare(&self.outputs, &now.outputs);
+        let is_only_read = |name: &String| match found.get(name) {
+            Some(Found::Same | Found::Renamed(_)) => self.only_read.contains(name),
+            Some(Found::Moved(_)) => self.former.iter().all(|former| former.output != *name),
+            Some(Found::Unknown | Found::Removed) | None => is_new_unwritten,
+        };
+        let only_read = now.outputs.keys().filter(|name| is_only_read(name)).cloned().collect();
         let former = Former::after(self.former, left, &now.outputs);
-        Places { former, ..now }
+        Places { former, only_read, ..now }
     }
 
     /// Cz that a corrected position had last, in µm of the axis that it has now. `None` if its place does not tell.
@@ -131,7 +172,7 @@ impl Places {
                 format!(
                     "output {output} is not in the profile any more; {held} of ours were verified in {place}"
                 ),
-                "set that register to zero at the control if nothing else is to stay there, then arm the axis",
+                "set that register to zero at the control unless the operator needs the value, then arm the axis",
             );
         };
         let held = held.map_or("what it held is not known".to_owned(), |held| {
@@ -169,6 +210,22 @@ impl Moves {
             Some((AxisId(place), self.places.explained(former, None)))
         });
         barred.collect()
+    }
+
+    /// Takes note of the outputs that are driven at their places. Returns whether one of them was only read before.
+    pub(super) fn drive(&mut self, profile: &Profile, is_driven: impl Fn(OutputId) -> bool) -> bool {
+        if self.places.only_read.is_empty() {
+            return false;
+        }
+        let outputs = profile.outputs.iter().enumerate();
+        let driven = outputs.filter(|(place, _)| is_driven(OutputId(*place)));
+        let mut is_new = false;
+        for (_, output) in driven {
+            if !self.places.was_driven(&output.name) {
+                is_new |= Arc::make_mut(&mut self.places).only_read.remove(&output.name);
+            }
+        }
+        is_new
     }
 
     /// Returns whether this output had another place that is not confirmed.
@@ -211,13 +268,17 @@ impl Moves {
     }
 
     /// A person has armed an axis, having seen what is reported of its outputs: their places are confirmed.
-    pub(super) fn confirm(&mut self, axis: &str) -> Vec<Event> {
+    pub(super) fn confirm(&mut self, axis: &str, profile: &Profile) -> Vec<Event> {
+        let may_arm = |name: &str| {
+            let mut axes = profile.axes.iter();
+            axes.any(|axis| axis.settings.name == name && axis.has_model())
+        };
         if self.places.former.is_empty() {
             return Vec::new();
         }
         let mut confirmed = Vec::new();
         Arc::make_mut(&mut self.places).former.retain_mut(|former| {
-            let is_open = former.confirm(axis);
+            let is_open = former.confirm(axis, may_arm);
             if !is_open {
                 confirmed.push(former.output.clone());
             }
@@ -228,6 +289,11 @@ impl Moves {
         confirmed.dedup();
         confirmed.into_iter().map(|output| Event::PlaceConfirmed { output }).collect()
     }
+}
+
+/// The same by the new names of the outputs.
+pub(super) fn renamed<T>(all: BTreeMap<String, T>, names: &BTreeMap<String, String>) -> BTreeMap<String, T> {
+    all.into_iter().map(|(name, one)| (names.get(&name).cloned().unwrap_or(name), one)).collect()
 }
 
 /// Explains why what was captured from a signal is not used.

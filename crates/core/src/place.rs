@@ -6,7 +6,7 @@
 //! | remembered under a name | in the profile | result |
 //! |---|---|---|
 //! | this place | this place | [`Found::Same`] |
-//! | nothing | this place, which another name had that is gone | [`Found::Same`] |
+//! | nothing | this place, which another name had that is gone | [`Found::Renamed`] |
 //! | nothing | another place | [`Found::Unknown`] |
 //! | another place | this place | [`Found::Moved`] |
 //! | a place | nothing | [`Found::Removed`] |
@@ -36,7 +36,7 @@ pub enum Part {
     Bias,
     /// Value of raw zero.
     Offset,
-    /// Whose register it is.
+    /// Owner of the register.
     Share,
     /// What is written.
     Writes,
@@ -60,7 +60,7 @@ pub trait Place {
     fn parts(&self) -> Vec<(Part, String)>;
 }
 
-/// Whose register an output writes to.
+/// Owner of the register of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Owner {
@@ -87,7 +87,7 @@ pub struct OutputPlace {
     pub scale: f64,
     /// Added to the raw count.
     pub bias: i64,
-    /// Whose register it is.
+    /// Owner of the register.
     pub share: Owner,
     /// What is written.
     pub writes: String,
@@ -182,6 +182,8 @@ impl Place for SignalPlace {
 pub enum Found {
     /// The place is the remembered one.
     Same,
+    /// The place is the one of a former name, which the profile does not have any more.
+    Renamed(String),
     /// No place is remembered under this name.
     Unknown,
     /// Another place is remembered under this name.
@@ -226,13 +228,16 @@ pub fn compare<P: Place>(
     for (name, is) in profile {
         let result = match remembered.get(name) {
             Some(was) => Moved::between(was, is).map_or(Found::Same, Found::Moved),
-            None => match gone().find(|(_, was)| Moved::between(*was, is).is_none()) {
-                Some((former, _)) => {
-                    renamed.insert(former.clone());
-                    Found::Same
+            None => {
+                let mut left = gone().filter(|(former, _)| !renamed.contains(*former));
+                match left.find(|(_, was)| Moved::between(*was, is).is_none()) {
+                    Some((former, _)) => {
+                        renamed.insert(former.clone());
+                        Found::Renamed(former.clone())
+                    }
+                    None => Found::Unknown,
                 }
-                None => Found::Unknown,
-            },
+            }
         };
         found.insert(name.clone(), result);
     }
@@ -249,6 +254,17 @@ pub struct KnownOutput {
     pub place: OutputPlace,
     /// Cz of ours in it as last verified, µm. `None` if that is not known.
     pub held_um: Option<f64>,
+    /// The gateway may have written to it. A register that was only read holds nothing of ours.
+    pub was_driven: bool,
+}
+
+impl KnownOutput {
+    /// Returns whether a person must see both places before this one is written: there may be a value of ours at the former one, or
+    /// what the operator has in it is to become ours.
+    fn is_in_doubt(&self, is: Option<&OutputPlace>) -> bool {
+        let becomes_ours = is.is_some_and(|is| (self.place.share, is.share) == (Owner::Ledger, Owner::Whole));
+        self.was_driven || becomes_ours
+    }
 }
 
 /// Place that an output had before, until a person has confirmed the new one.
@@ -266,8 +282,14 @@ pub struct Former {
 }
 
 impl Former {
-    /// Returns the former places after a start, with the axes that wait for a person: those of earlier starts that nobody has
-    /// confirmed (`open`), and those that the profile does not have any more.
+    /// The output has a new name at the same place.
+    pub fn renamed(self, names: &BTreeMap<String, String>) -> Former {
+        let output = names.get(&self.output).cloned().unwrap_or(self.output);
+        Former { output, ..self }
+    }
+
+    /// Returns the former places after a start, with the axes that wait for a person: those of earlier starts that wait for
+    /// it (`open`), and those that the profile does not have any more.
     pub fn after(
         open: Vec<Former>,
         remembered: &BTreeMap<String, KnownOutput>,
@@ -283,24 +305,34 @@ impl Former {
             open.iter().filter(is_back).map(|former| former.output.clone()).collect();
         let mut all = open;
         for (name, known) in remembered {
-            let axes = match found.get(name) {
-                Some(Found::Moved(_)) if back.contains(name) => continue,
-                Some(Found::Moved(_)) => BTreeSet::new(),
-                Some(Found::Removed)
-                    if is_something(known.held_um) && !known.place.is_corrected_position() =>
-                {
-                    axes_with_new_outputs(&known.place, &found, profile)
-                }
-                _ => continue,
+            let (output, KnownOutput { place, held_um, .. }) = (name.clone(), known.clone());
+            let former = Former { output, place, held_um, axes: BTreeSet::new() };
+            let is_in_doubt = match found.get(name) {
+                Some(Found::Moved(_)) => !back.contains(name) && known.is_in_doubt(profile.get(name)),
+                Some(Found::Removed) => known.was_driven && former.keeps_something(),
+                _ => false,
             };
-            let is_known = all.iter().any(|former| former.output == *name && former.place == known.place);
-            if !is_known {
-                let (output, KnownOutput { place, held_um }) = (name.clone(), known.clone());
-                all.push(Former { output, place, held_um, axes });
+            let is_known = all.iter().any(|known| known.output == *name && known.place == former.place);
+            if is_in_doubt && !is_known {
+                all.push(former);
             }
         }
+        // The profile of an earlier start may have had neither the removed output nor the new one.
+        all.iter_mut().for_each(|former| former.bar_new_outputs(&found, profile));
         all.retain_mut(|former| former.is_open(profile));
         all
+    }
+
+    /// Adds the axes whose new outputs could do again what the output did, if it is removed and its register keeps a value of ours.
+    fn bar_new_outputs(&mut self, found: &BTreeMap<String, Found>, profile: &BTreeMap<String, OutputPlace>) {
+        if !profile.contains_key(&self.output) && self.keeps_something() {
+            self.axes.extend(axes_with_new_outputs(&self.place, found, profile));
+        }
+    }
+
+    /// Returns whether the register keeps a value of ours without being written.
+    fn keeps_something(&self) -> bool {
+        is_something(self.held_um) && !self.place.is_corrected_position()
     }
 
     /// Brings the axes up to this profile. Returns whether anything is left to confirm.
@@ -318,13 +350,14 @@ impl Former {
     /// Returns whether a value of ours is in a register that is no output's any more.
     pub fn is_left_behind(&self, profile: &BTreeMap<String, OutputPlace>) -> bool {
         let is_ours = profile.values().any(|place| place.is_at(&self.place));
-        !is_ours && is_something(self.held_um) && !self.place.is_corrected_position()
+        !is_ours && self.keeps_something()
     }
 
-    /// A person has armed this axis, having seen what is reported of the place. Returns whether anything is left to confirm.
-    pub fn confirm(&mut self, axis: &str) -> bool {
-        self.axes.remove(axis);
-        !self.axes.is_empty()
+    /// A person has armed this axis, having seen what is reported of the place. Returns whether anything is left to confirm. If no axis
+    /// waits, only arming the axis of the output ends it, if that can be armed (`may_arm`).
+    pub fn confirm(&mut self, axis: &str, may_arm: impl Fn(&str) -> bool) -> bool {
+        let is_of_it = self.axes.remove(axis) || self.place.axis == axis || !may_arm(&self.place.axis);
+        !(is_of_it && self.axes.is_empty())
     }
 }
 

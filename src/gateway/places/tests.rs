@@ -12,11 +12,11 @@ fn grinder() -> Profile {
 fn started(before: &Profile, after: &Profile, held_um: Option<f64>) -> Moves {
     let places = Places::of(before);
     let left = places.outputs.iter().map(|(name, place)| {
-        let known = KnownOutput { place: place.clone(), held_um };
+        let known = KnownOutput { place: place.clone(), held_um, was_driven: true };
         (name.clone(), known)
     });
     let left = left.collect();
-    Moves::new(places.after(after, &left), after)
+    Moves::new(places.after(after, &left, false), after)
 }
 
 fn kinds(events: &[Event]) -> Vec<String> {
@@ -69,8 +69,8 @@ fn a_moved_output_bars_its_axis_until_a_person_confirms_and_its_first_read_is_re
     assert_eq!(kinds(&[event]), ["output-moved"]);
     assert_eq!(why.cause, format!("{was}; its register holds -20.0 µm now"));
     assert!(moves.read(OutputId(id), &name, || panic!("it was read before")).is_none());
-    assert!(moves.confirm("another axis").is_empty() && moves.is_in_doubt(&name));
-    assert_eq!(kinds(&moves.confirm(&after.axis(axis).settings.name)), ["place-confirmed"]);
+    assert!(moves.confirm("another axis", &after).is_empty() && moves.is_in_doubt(&name));
+    assert_eq!(kinds(&moves.confirm(&after.axis(axis).settings.name, &after)), ["place-confirmed"]);
     assert!(!moves.is_in_doubt(&name) && moves.barred(&after).is_empty());
 }
 

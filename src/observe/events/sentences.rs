@@ -320,7 +320,7 @@ impl Event {
                 format!("output {output}"),
                 Explained::new(
                     format!("{held} of ours were verified in {register}, which is no output's any more"),
-                    "set that register to zero at the control if nothing else is to stay there, then arm the axis",
+                    "set that register to zero at the control unless the operator needs the value, then arm the axis",
                 ),
             ),
             Event::PlaceConfirmed { output } => {

@@ -31,11 +31,12 @@ struct Run {
     end: End,
     arm: Option<Duration>,
     keep: Option<Handover>,
+    is_dry: bool,
 }
 
 impl Run {
     fn of(text: impl Into<String>) -> Run {
-        Run { text: text.into(), end: End::Hold, arm: None, keep: None }
+        Run { text: text.into(), end: End::Hold, arm: None, keep: None, is_dry: false }
     }
 
     fn ends(self, end: End) -> Run {
@@ -44,6 +45,10 @@ impl Run {
 
     fn armed(self) -> Run {
         Run { arm: Some(ARMED), ..self }
+    }
+
+    fn dry(self) -> Run {
+        Run { is_dry: true, ..self }
     }
 
     fn kept(self, handover: Handover) -> Run {
@@ -65,6 +70,7 @@ fn runs(directory: &Path, faults: &str, runs: Vec<Run>) -> Vec<Trace> {
             let trial = world.gateway().options(|options| {
                 options.directory = Some(directory.to_owned());
                 options.handover = Ok(run.keep);
+                options.dry_run = run.is_dry;
             });
             let trial = match run.arm {
                 Some(after) => trial.command(after, Command::Arm),
@@ -302,6 +308,32 @@ fn an_output_that_is_removed_is_named_with_its_value_and_a_new_one_does_not_repe
     assert!(!traces[3].writes("other").is_empty());
 }
 
+#[test]
+fn an_output_that_comes_under_another_name_one_start_after_the_removal_waits_for_a_person() {
+    let (before, after) = BENCH.split_once("[output.cnc_z]").unwrap();
+    let (_, heartbeat) = after.split_once("[heartbeat]").unwrap();
+    let removed = format!("{before}[heartbeat]{heartbeat}");
+    let new =
+        || Run::of(BENCH.replace("[output.cnc_z]", "[output.z2]").replace("holding:104", "holding:106"));
+    for end in [End::Hold, End::Killed] {
+        let directory = tempfile::tempdir().unwrap();
+        let all = vec![Run::of(BENCH).ends(end), Run::of(removed.clone()), new(), new(), new().armed()];
+        let traces = runs(directory.path(), &holds(0), all);
+        assert!(left(&traces[0]) > 5.0);
+        for trace in &traces[1..4] {
+            law::holds(trace);
+            assert_eq!(trace.reported("register-left"), 1, "{}", trace.lines());
+        }
+        for trace in &traces[2..4] {
+            assert_eq!(trace.writes("z2").len(), 0, "{}", trace.lines());
+            assert_eq!(trace.states_between(15, 18), ["off"], "{}", trace.lines());
+        }
+        assert_eq!(traces[4].reported("place-confirmed"), 1, "{}", traces[4].lines());
+        assert!(traces[4].writes("z2").iter().all(|(at, _)| traces[4].seconds(*at) >= 20.0));
+        assert!(!traces[4].writes("z2").is_empty());
+    }
+}
+
 /// The bench with one model that measures the rise of the bed since the start, −4 µm for each degree.
 fn rise() -> String {
     let (before, after) = BENCH.split_once("[[axis.z.model]]").unwrap();
@@ -336,9 +368,66 @@ fn readout() -> String {
     format!("{before}[heartbeat]{heartbeat}")
 }
 
+#[test]
+fn a_register_that_was_only_read_is_not_called_ours_and_the_right_one_waits_for_nobody() {
+    let unarmed = || Run::of(BENCH.replace("arm  = \"auto\"", "arm  = \"manual\""));
+    let right = || Run::of(BENCH.replace("holding:104", "holding:106"));
+    let (before, after) = BENCH.split_once("[output.cnc_z]").unwrap();
+    let (_, heartbeat) = after.split_once("[heartbeat]").unwrap();
+    let removed = || Run::of(format!("{before}[heartbeat]{heartbeat}"));
+    let firsts = [
+        unarmed,
+        || Run::of(BENCH.replace("arm  = \"auto\"", "arm  = \"manual\"")).ends(End::Killed),
+        || Run::of(BENCH).dry(),
+    ];
+    for (place, first) in firsts.into_iter().enumerate() {
+        for next in [right(), removed()] {
+            let directory = tempfile::tempdir().unwrap();
+            let is_removed = !next.text.contains("cnc_z");
+            let traces = runs(directory.path(), &holds(123), vec![first(), first(), next]);
+            let [read, _, next] = &traces[..] else { panic!() };
+            assert_eq!(read.writes("cnc_z").len(), 0, "{place}: {}", read.lines());
+            assert!((left(read) - 12.3).abs() < 0.01, "{place}: it was read: {}", left(read));
+            law::holds(next);
+            assert_eq!(
+                (next.reported("output-moved"), next.reported("register-left"), next.reported("armed")),
+                (0, 0, 1),
+                "{place}, {is_removed}: {}",
+                next.lines()
+            );
+            if !is_removed {
+                let first = next.writes("cnc_z")[0];
+                assert!(first.1.abs() <= 1.0, "it walks in from what the new one holds: {first:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn an_output_with_another_name_at_its_place_continues_from_its_value_also_in_a_second_doubtful_place() {
+    let named = |text: &str| Run::of(text.replace("[output.cnc_z]", "[output.feed_z]"));
+    let elsewhere = BENCH.replace("holding:104", "holding:106");
+    let directory = tempfile::tempdir().unwrap();
+    let all = vec![Run::of(BENCH), named(BENCH), named(&elsewhere), Run::of(elsewhere.clone())];
+    let traces = runs(directory.path(), &holds(0), all);
+    let renamed = &traces[1];
+    law::holds(renamed);
+    let from = format!("armed, starting from {:.1} µm", left(&traces[0]));
+    assert!(renamed.lines().contains(&from), "{from}\n{}", renamed.lines());
+    assert!(renamed.lines().contains("armed before"), "{}", renamed.lines());
+    assert_eq!(renamed.reported("output-moved") + renamed.reported("register-left"), 0);
+    for (trace, name) in [(&traces[2], "feed_z"), (&traces[3], "cnc_z")] {
+        law::holds(trace);
+        assert_eq!(trace.writes(name).len(), 0, "{}", trace.lines());
+        let moved = told(trace, "output-moved");
+        let was = format!("output {name} was holding:104 (40105)");
+        assert!(moved[0].contains(&was), "{was}: {moved:#?}");
+    }
+}
+
 /// What each write to the readout had beside the position, in µm of its register.
 fn beside_the_position(trace: &Trace) -> Vec<(Moment, f64)> {
-    let output = trace.profile.outputs.iter().find(|output| output.name == "readout_z").unwrap();
+    let output = trace.profile.outputs.iter().find(|output| output.writes.position().is_some()).unwrap();
     let scale = trace.profile.signals.iter().find(|signal| signal.name == "scale_z").unwrap();
     let (mut position, mut found) = (None, Vec::new());
     for seen in &trace.wire {
@@ -362,8 +451,10 @@ fn a_readout_moves_by_a_step_at_most_over_a_restart_whatever_has_changed() {
         off: Default::default(),
     };
     let wide = || readout().replace("deadband = 0.1", "deadband = 0.1\ndiameter = true");
-    let rows: [(&str, String, f64); 4] = [
+    let named = readout().replace("[output.readout_z]", "[output.display_z]");
+    let rows: [(&str, String, f64); 5] = [
         ("nothing", readout(), 1.0),
+        ("another name", named, 1.0),
         ("a smaller limit", readout().replace("limit = 40.0", "limit = 3.0"), 1.0),
         ("diameter", wide(), 2.0),
         ("another axis", renamed(), 1.0),

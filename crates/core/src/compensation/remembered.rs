@@ -118,7 +118,7 @@ impl Remembered {
     }
 
     /// Forgets what was measured with this signal, because it is another sensor now, or counts otherwise: its references, its lags,
-    /// and the datum of the models that read it. All of that is captured again at the next start. Returns whether a model of these
+    /// and the datum of the models that read it. All of that is captured again from the next snapshot on. Returns whether a model of these
     /// axes reads the signal and something was captured.
     pub fn forget(&mut self, signal: SignalId, axes: &[AxisSettings]) -> bool {
         let was_captured = self.machine.forget(signal);

@@ -31,7 +31,8 @@ fn named<P: Clone>(all: &[(&str, &P)]) -> BTreeMap<String, P> {
 }
 
 fn known(all: &[(&str, &OutputPlace, Option<f64>)]) -> BTreeMap<String, KnownOutput> {
-    let known = |place: &OutputPlace, held_um| KnownOutput { place: place.clone(), held_um };
+    let known =
+        |place: &OutputPlace, held_um| KnownOutput { place: place.clone(), held_um, was_driven: true };
     all.iter().map(|(name, place, held_um)| ((*name).to_owned(), known(place, *held_um))).collect()
 }
 
@@ -119,7 +120,7 @@ fn the_same_place_a_new_one_a_renamed_one_and_one_that_is_gone() {
     let found = compare(&remembered, &now);
     let of = |name: &str| found.get(name);
     assert_eq!((of("a"), of("b")), (Some(&Found::Same), None), "b is called c now");
-    assert_eq!((of("c"), of("d")), (Some(&Found::Same), Some(&Found::Unknown)));
+    assert_eq!((of("c"), of("d")), (Some(&Found::Renamed("b".to_owned())), Some(&Found::Unknown)));
     let found = compare(&remembered, &named(&[("a", &output())]));
     assert_eq!(found.get("b"), Some(&Found::Removed));
     let found = compare(&BTreeMap::new(), &now);
@@ -215,6 +216,55 @@ fn a_removed_output_that_holds_something_is_named_and_bars_the_axes_of_new_outpu
 }
 
 #[test]
+fn a_register_that_was_only_read_leaves_nothing_of_ours_and_bars_nothing() {
+    let elsewhere = OutputPlace { address: "holding:106 (40107)".into(), ..output() };
+    let scaled = OutputPlace { scale: -0.1, ..output() };
+    let shared = OutputPlace { share: Owner::Ledger, ..output() };
+    let read = |place: &OutputPlace| {
+        let mut known = known(&[("cnc_z", place, Some(123.0))]);
+        known.values_mut().for_each(|known| known.was_driven = false);
+        known
+    };
+    for is in [&elsewhere, &scaled, &shared] {
+        assert_eq!(after(Vec::new(), &read(&output()), &named(&[("cnc_z", is)])), none(), "{is:?}");
+    }
+    for now in [named(&[]), named(&[("z2", &elsewhere)])] {
+        assert_eq!(after(Vec::new(), &read(&output()), &now), none(), "{now:?}");
+    }
+    let all_ours = after(Vec::new(), &read(&shared), &named(&[("cnc_z", &output())]));
+    assert_eq!(all_ours, [row("cnc_z", &["z"], false)], "the operator has an offset in it");
+}
+
+#[test]
+fn an_output_that_is_removed_at_one_start_and_new_at_a_later_one_bars_its_axis_as_at_one_start() {
+    let x = OutputPlace { address: "holding:200 (40201)".into(), axis: "x".into(), ..output() };
+    let new = OutputPlace { address: "holding:105 (40106)".into(), ..output() };
+    let renamed_axis = OutputPlace { axis: "w".into(), ..new.clone() };
+    for (is, axis, others) in [(&new, "z", &["x"][..]), (&renamed_axis, "w", &["x"]), (&new, "z", &[])] {
+        let others: Vec<_> = others.iter().map(|_| ("cnc_x", &x)).collect();
+        let with_held = |all: &[(&str, &OutputPlace)], held| {
+            known(&all.iter().map(|(name, place)| (*name, *place, Some(held))).collect::<Vec<_>>())
+        };
+        let removed = output();
+        let first: Vec<_> = others.iter().copied().chain([("cnc_z", &removed)]).collect();
+        let now = named(&others);
+        let mut open = Former::after(Vec::new(), &with_held(&first, 20.0), &now);
+        for _ in 0..2 {
+            open = Former::after(open, &with_held(&others, 20.0), &now);
+            assert_eq!(after(open.clone(), &with_held(&others, 20.0), &now), [row("cnc_z", &[], true)]);
+        }
+        let both: Vec<_> = others.iter().copied().chain([("z2", is)]).collect();
+        let now = named(&both);
+        open = Former::after(open, &with_held(&others, 20.0), &now);
+        for _ in 0..2 {
+            let rows = after(open.clone(), &with_held(&both, 0.0), &now);
+            assert_eq!(rows, [row("cnc_z", &[axis], true)], "{is:?}");
+            open = Former::after(open, &with_held(&both, 0.0), &now);
+        }
+    }
+}
+
+#[test]
 fn what_no_person_has_confirmed_is_open_over_any_number_of_starts_and_ends_with_a_person_or_the_old_place() {
     let elsewhere = OutputPlace { address: "holding:106 (40107)".into(), ..output() };
     let now = named(&[("cnc_z", &elsewhere)]);
@@ -233,8 +283,24 @@ fn what_no_person_has_confirmed_is_open_over_any_number_of_starts_and_ends_with_
         "it is back, and nothing was written between"
     );
     let mut former = open.remove(0);
-    assert!(former.confirm("x"), "another axis says nothing");
-    assert!(!former.confirm("z"));
+    assert!(former.confirm("x", |_| true), "another axis says nothing");
+    assert!(!former.confirm("z", |_| true));
+}
+
+#[test]
+fn a_removed_output_for_which_no_axis_waits_ends_with_its_own_axis_or_with_any_if_that_cannot_be_armed() {
+    let former = |axes: &[&str]| Former {
+        output: "cnc_z".to_owned(),
+        place: output(),
+        held_um: Some(20.0),
+        axes: axes.iter().map(|axis| (*axis).to_owned()).collect(),
+    };
+    assert!(former(&[]).confirm("x", |_| true), "axis z can be armed, and was not");
+    assert!(!former(&[]).confirm("z", |_| true));
+    assert!(!former(&[]).confirm("x", |axis| axis != "z"), "no arming of z will come");
+    assert!(!former(&["w"]).confirm("w", |axis| axis != "z"));
+    assert!(former(&["w"]).confirm("x", |axis| axis != "z"), "w waits");
+    assert!(!former(&["x"]).confirm("x", |_| true), "it has taken the register");
 }
 
 #[test]
