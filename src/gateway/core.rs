@@ -1,13 +1,12 @@
 //! What stands behind the lock, and its step: one step of the axes with everything around it, from arming to the log.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use super::arming::{Arming, Attempt};
 use super::board::{Board, Change};
 use super::contact::Contact;
 use super::continuity::Devices;
-use super::dependents::Dependents;
+use super::dependents::Given;
 use super::lock::LockTimes;
 use super::noted::Noted;
 use super::output::{OutputState, Outputs, Standing};
@@ -34,14 +33,6 @@ use isotherm_profile::{Arm, AxisId, OnStop, Output, OutputId, Profile, Writes};
 
 /// What a request to arm waits for is reported at most this often.
 const WAITING_REPORTED_EVERY: Duration = Duration::from_secs(10);
-
-/// What never changes while the gateway runs.
-#[derive(Clone)]
-pub(super) struct Given {
-    pub(super) profile: Arc<Profile>,
-    pub(super) dependents: Arc<Dependents>,
-    pub(super) dry_run: bool,
-}
 
 pub(super) struct Core {
     pub(super) given: Given,
@@ -260,17 +251,8 @@ impl Core {
             let Arming { take_over, take_over_slope, trust, return_to, .. } = *arming;
             let sign = arming.sign.as_ref().map(|check| check.to);
             let Probing { forget, measured, .. } = self.probing[axis];
-            self.controls[axis] = Control {
-                permit,
-                take_over,
-                take_over_slope,
-                forget,
-                measured,
-                sign,
-                trust,
-                behind: None,
-                return_to,
-            };
+            let plain = Control { permit, take_over, take_over_slope, sign, trust, ..Control::default() };
+            self.controls[axis] = Control { forget, measured, return_to, ..plain };
             is_urgent |= self.compensation.is_due(axis, now, &self.controls[axis]);
         }
     }

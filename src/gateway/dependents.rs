@@ -1,11 +1,20 @@
 //! Who depends on whom: resolved once from the profile, so that what a line reads costs what depends on it, however
 //! many others there are.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use isotherm_core::compensation::model::Model;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Axis, AxisId, Profile};
+
+/// Settings that never change while the gateway runs.
+#[derive(Clone)]
+pub(super) struct Given {
+    pub(super) profile: Arc<Profile>,
+    pub(super) dependents: Arc<Dependents>,
+    pub(super) dry_run: bool,
+}
 
 /// Each list in ascending order, without a name twice.
 #[derive(Debug)]

@@ -9,8 +9,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use tokio::sync::Notify;
 
-use super::core::{Core, Given};
-use super::dependents::Dependents;
+use super::core::Core;
+use super::dependents::{Dependents, Given};
 use super::ledger::Ledger;
 use super::lock::Held;
 use super::rates::Rates;
