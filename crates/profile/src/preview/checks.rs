@@ -23,9 +23,13 @@ pub fn stretch(profile: &Profile, bus: BusId) -> f64 {
     (share.sum::<f64>() / SHARE).max(1.0)
 }
 
-/// Returns the real period of a check.
+/// Returns the real period of a check: that of the profile, or in whole seconds if it is stretched.
 pub fn period(check: &Expected, stretch: f64) -> Duration {
-    check.every.mul_f64(stretch)
+    if stretch <= 1.0 {
+        return check.every;
+    }
+    let seconds = check.every.mul_f64(stretch);
+    Duration::from_secs(seconds.as_secs() + u64::from(seconds.subsec_nanos() > 0))
 }
 
 /// Returns the names of the devices that nothing identifies: they answer or are written to, and no `verify` says which they are.
@@ -66,4 +70,49 @@ pub(super) fn preview(profile: &Profile, id: DeviceId, device: &Device) -> (Vec<
         )
     });
     (checks, bounds.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::parse;
+
+    /// A line at 9600 baud with so many units of one check each.
+    fn line(units: usize, every: &str) -> Profile {
+        let mut text = "[machine]\nname = \"line\"\n[bus.b]\ntype = \"modbus-rtu\"\nport = \"/dev/serial/by-id/usb-x\"\nbaud = 9600\n".to_owned();
+        for unit in 1..=units {
+            text += &format!(
+                "[device.m{unit}]\nbus = \"b\"\nunit = {unit}\nverify = [{{ register = \"holding:90\", equals = 1{every} }}]\n"
+            );
+        }
+        let loaded = parse(Path::new("line.toml"), &text, &[], &[]);
+        loaded.unwrap_or_else(|errors| panic!("{errors}")).profile
+    }
+
+    fn periods(profile: &Profile) -> Vec<u64> {
+        let stretch = stretch(profile, BusId(0));
+        profile.devices.iter().map(|device| period(&device.verify[0], stretch).as_secs()).collect()
+    }
+
+    #[test]
+    fn the_checks_of_a_line_take_at_most_one_percent_of_its_time() {
+        // One exchange takes 27 ms with the answer time of a device.
+        assert_eq!(periods(&line(8, "")), [60; 8]);
+        for (units, every, shortest) in [(8, ", every = \"10s\"", 21), (32, "", 86)] {
+            let periods = periods(&line(units, every));
+            assert!(periods.iter().all(|period| (shortest..shortest + 10).contains(period)), "{periods:?}");
+        }
+    }
+
+    #[test]
+    fn a_device_that_no_check_identifies_is_named() {
+        let text = "[machine]\nname = \"line\"\n[bus.b]\ntype = \"modbus-tcp\"\naddress = \"127.0.0.1:502\"\n\
+                    [device.one]\nbus = \"b\"\nunit = 1\n[device.two]\nbus = \"b\"\nunit = 2\n\
+                    verify = [{ register = \"holding:90\", equals = 1 }]\n";
+        let profile =
+            parse(Path::new("two.toml"), text, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile;
+        assert_eq!(unidentified(&profile), ["one"]);
+    }
 }
