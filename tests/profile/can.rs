@@ -361,7 +361,7 @@ fn a_can_line_is_explained_in_words_and_figures() {
         "    its heartbeat is missed after 2s, never seen counts as missed",
         "    before each start writes 1800:05 = 100 (u16): TPDO1 every 100 ms",
         "    object 6150:01, u8, every 1s: column_status",
-        "    before arming object 6110:01 must read 3: sensor type of channel 1",
+        "    before arming and every 1m object 6110:01 must read 3: sensor type of channel 1",
         "    emergency 0xff01: open thermocouple",
         "    sends 0x20c, 8 bytes, 00 00 00 00 00 00 01 00 before the values: shown_x",
         "  column: 0x185, 16 bits from 0 up (Intel), signed, from axtc, 0.0625 °C per count; not believed at raw -1 or -512 (open circuit)",

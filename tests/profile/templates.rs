@@ -86,7 +86,7 @@ fn what_a_template_fills_in_leaves_unverified_and_checks_is_explained() {
         "template icp-das-m7019r: ICP DAS I-7019R and M-7019R, 8 thermocouples; after ICP DAS",
         "not verified: the scale of 0.1 °C per count of the channels",
         "not checked before arming: type code: write expect = { type_code = … } at the device",
-        "before arming coil:268 (00269) must read 1: data format: engineering units",
+        "before arming and every 1m coil:268 (00269) must read 1: data format: engineering units",
         "bed: input:0 (30001) of module, i16, 0.1 °C per count; not believed at raw -32768 or 32767",
         "when module_range_0 != 0; channel 0 of icp-das-m7019r",
         "module_range_0: discrete:128 (10129) of module",
@@ -252,7 +252,7 @@ fn registers_of_a_device_without_a_template_are_checked_before_arming_as_well() 
     let machine = with("unit = 4", verify).unwrap().profile;
     let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
     assert!(
-        reported.contains("before arming holding:90 (40091) must read 17: version of the ladder"),
+        reported.contains("before arming and every 1m holding:90 (40091) must read 17: version of the ladder"),
         "{reported}"
     );
     let few = "unit = 4\nfunctions = [\"read-holding\", \"read-discrete\", \"read-coils\", \"write-multiple\", \"write-single\"]\n\

@@ -184,7 +184,9 @@ async fn a_second_master_is_an_alarm_and_its_register_is_no_reading() {
         reported.last().unwrap().contains("cannot be distinguished from theirs: bed, oil"),
         "{reported:?}"
     );
-    assert!(100 * wrong <= 5 * good, "{wrong} of {good}");
+    // Before the second sign of the other master nothing speaks against one of its answers, which is used for `max_age` at most: 2 s
+    // of the 10 that are watched.
+    assert!(100 * wrong <= 20 * good, "{wrong} of {good}");
 }
 
 async fn futures_of<F: Future>(all: [F; 3]) -> [F::Output; 3] {

@@ -403,7 +403,7 @@ fn one_in_twenty(device: &str) -> String {
     let mut random = 0x5eed_u64;
     let mut is_lost = || {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (random >> 33) % 20 == 0
+        (random >> 33).is_multiple_of(20)
     };
     let lost = (10..1300).filter(|_| is_lost());
     lost.map(|after| fault(device, &format!("kind = \"silent\"\nafter = {after}\nfor = 1"))).collect()
