@@ -252,7 +252,8 @@ fn registers_of_a_device_without_a_template_are_checked_before_arming_as_well() 
     let machine = with("unit = 4", verify).unwrap().profile;
     let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
     assert!(
-        reported.contains("before arming and every 1m holding:90 (40091) must read 17: version of the ladder"),
+        reported
+            .contains("before arming and every 1m holding:90 (40091) must read 17: version of the ladder"),
         "{reported}"
     );
     let few = "unit = 4\nfunctions = [\"read-holding\", \"read-discrete\", \"read-coils\", \"write-multiple\", \"write-single\"]\n\
