@@ -6,7 +6,7 @@ use std::time::Duration;
 use isotherm::observe::status::Answer;
 
 use crate::faults::law;
-use crate::faults::rig::{Stage, Trace, World, block_on, run, somebody, speaks_rtu};
+use crate::faults::rig::{Stage, Trace, World, block_on, profile, run, somebody, speaks_rtu};
 
 const MINUTE: Duration = Duration::from_secs(60);
 
@@ -171,15 +171,15 @@ fn fault(device: &str, what: &str) -> String {
     format!("[[fault]]\ndevice = \"{device}\"\n{what}\n")
 }
 
-/// Ways in which a device is away; the tests exchange it 45.4 s after the start.
-/// In good time before the checks are read again.
-const AWAY: Duration = Duration::from_secs(45);
+/// Ways in which a device is away; the tests exchange it 75.4 s after the start.
+/// Between two rounds of checks; by then a unit on RTU is known to be prompt.
+const AWAY: Duration = Duration::from_secs(75);
 const WAYS: [&str; 5] = [
-    "kind = \"refuse\"\nat = \"45s\"\nfor_time = \"3s\"",
-    "kind = \"refuse\"\nat = \"45s\"\nfor_time = \"900ms\"",
-    "kind = \"silent\"\nat = \"45s\"\nfor_time = \"3s\"",
-    "kind = \"half-open\"\nat = \"45s\"\nfor_time = \"3s\"",
-    "kind = \"close\"\nat = \"45500ms\"\nfor = 1",
+    "kind = \"refuse\"\nat = \"75s\"\nfor_time = \"3s\"",
+    "kind = \"refuse\"\nat = \"75s\"\nfor_time = \"900ms\"",
+    "kind = \"silent\"\nat = \"75s\"\nfor_time = \"3s\"",
+    "kind = \"half-open\"\nat = \"75s\"\nfor_time = \"3s\"",
+    "kind = \"close\"\nat = \"75500ms\"\nfor = 1",
 ];
 
 fn checks(trace: &Trace, function: u8, register: u16) -> usize {
@@ -200,8 +200,8 @@ fn readings_of_a_module_that_was_exchanged_while_it_was_away_move_nothing() {
     for way in WAYS {
         let faults = [
             fault("module", way),
-            fault("module", &set("coil:268", 0, "45400ms")),
-            fault("module", "kind = \"value\"\nsignal = \"bed\"\nvalue = 60.0\nat = \"45400ms\""),
+            fault("module", &set("coil:268", 0, "75400ms")),
+            fault("module", "kind = \"value\"\nsignal = \"bed\"\nvalue = 60.0\nat = \"75400ms\""),
         ];
         let trace = run(&cell(), &faults.concat(), 2 * MINUTE);
         law::holds(&trace);
@@ -213,7 +213,7 @@ fn readings_of_a_module_that_was_exchanged_while_it_was_away_move_nothing() {
         let after: Vec<f64> = offsets(AWAY, 2 * MINUTE - Duration::from_secs(1)).collect();
         assert!(after.iter().all(|value| (value - before).abs() < 2.0), "{way}: {before}, then {after:?}");
         assert_eq!(trace.reported("not-as-expected"), 1, "{way}: {}", trace.lines());
-        assert_eq!(trace.qualities("bed", 75, 118), ["not-as-expected"], "{way}: {}", trace.lines());
+        assert_eq!(trace.qualities("bed", 90, 118), ["not-as-expected"], "{way}: {}", trace.lines());
     }
 }
 
@@ -222,25 +222,25 @@ fn a_control_that_was_exchanged_while_it_was_away_gets_no_write() {
     for way in WAYS {
         let faults = [
             fault("cnc", way),
-            fault("cnc", &set("holding:200", 8, "45400ms")),
-            fault("cnc", "kind = \"register\"\nregister = \"holding:104\"\nwords = [0, 0]\nat = \"45400ms\""),
+            fault("cnc", &set("holding:200", 8, "75400ms")),
+            fault("cnc", "kind = \"register\"\nregister = \"holding:104\"\nwords = [0, 0]\nat = \"75400ms\""),
         ];
         let trace = run(&cell(), &faults.concat(), 2 * MINUTE);
         law::holds(&trace);
-        assert!(writes_from(&trace, 20) > 10, "it was driven: {}", trace.lines());
+        assert!(writes_from(&trace, 50) > 10, "it was driven: {}", trace.lines());
         let after = trace.wire.iter().filter(|seen| seen.is_write());
         let late: Vec<f64> =
-            after.map(|seen| trace.seconds(seen.at)).filter(|second| *second > 45.4).collect();
+            after.map(|seen| trace.seconds(seen.at)).filter(|second| *second > 75.4).collect();
         // Until it is asked it is the one before, and what is sent to one that is silent goes nowhere.
         let gone = match way {
             // The beat of the next second meets the close.
-            way if way.contains("close") => 46.1,
-            way if way.contains("refuse") => 45.4,
-            _ => 48.0,
+            way if way.contains("close") => 76.1,
+            way if way.contains("refuse") => 75.4,
+            _ => 78.0,
         };
         assert!(late.iter().all(|second| *second < gone), "{way}: {late:?}");
         assert_eq!(trace.reported("not-as-expected"), 1, "{way}: {}", trace.lines());
-        assert_eq!(trace.states_between(75, 118), ["off"], "{way}: {}", trace.lines());
+        assert_eq!(trace.states_between(90, 118), ["off"], "{way}: {}", trace.lines());
     }
 }
 
@@ -259,8 +259,8 @@ fn a_device_that_was_away_and_passes_its_checks_resumes_after_one_check() {
             let is_silent = way.contains("silent") || way.contains("half-open");
             let in_vain = if is_silent && speaks_rtu(&trace.profile) { 2 } else { 0 };
             assert!((3..=3 + in_vain).contains(&read), "{device}, {way}: {read}: {}", trace.lines());
-            assert_eq!(trace.states_between(75, 118), ["active"], "{device}, {way}: {}", trace.lines());
-            assert!(writes_from(&trace, 75) > 10, "{device}, {way}");
+            assert_eq!(trace.states_between(90, 118), ["active"], "{device}, {way}: {}", trace.lines());
+            assert!(writes_from(&trace, 90) > 10, "{device}, {way}");
             assert_eq!(
                 trace.reported("not-as-expected") + trace.reported("disarmed"),
                 0,
@@ -365,10 +365,15 @@ fn unidentified(rate: &str) -> String {
 
 #[test]
 fn a_module_without_checks_that_comes_back_in_whole_degrees_moves_nothing() {
+    let is_rtu = speaks_rtu(&profile(MODULE));
     for way in WAYS {
+        // On RTU a unit that is not known to be prompt is asked once in 3.6 s: a shorter silence is one lost answer.
+        let way =
+            if is_rtu { way.replace("for_time = \"3s\"", "for_time = \"12s\"") } else { way.to_owned() };
+        let way = way.as_str();
         let faults = [
             fault("module", way),
-            fault("module", "kind = \"value\"\nsignal = \"bed\"\nvalue = 2.0\nat = \"45400ms\""),
+            fault("module", "kind = \"value\"\nsignal = \"bed\"\nvalue = 2.0\nat = \"75400ms\""),
         ];
         let trace = run(&unidentified("max_rate = 0.5"), &faults.concat(), 2 * MINUTE);
         law::holds(&trace);
@@ -378,7 +383,7 @@ fn a_module_without_checks_that_comes_back_in_whole_degrees_moves_nothing() {
         let before = early.last().unwrap().1;
         assert!(late.iter().all(|(_, value)| (value - before).abs() < 0.7), "{way}: {before}, then {late:?}");
         // Waiting makes it no more plausible: in a minute 30 degrees would be.
-        assert_eq!(trace.qualities("bed", 60, 118), ["jumped"], "{way}: {}", trace.lines());
+        assert_eq!(trace.qualities("bed", 95, 118), ["jumped"], "{way}: {}", trace.lines());
     }
 }
 
@@ -422,11 +427,13 @@ fn lost_answers_and_short_connections_cost_at_most_two_exchanges_more_in_a_hundr
             let states = trace.states_between(30, 590);
             assert!(states.iter().all(|state| matches!(*state, "active" | "holding")), "{}", trace.lines());
             assert!(trace.states_between(550, 590).contains(&"active"), "{}", trace.lines());
-            trace.wire.len()
+            (trace.wire.len(), speaks_rtu(&trace.profile))
         };
-        let (without, with) = (exchanges(false), exchanges(true));
+        let ((without, _), (with, is_rtu)) = (exchanges(false), exchanges(true));
         println!("{quirks}: {without} exchanges without checks, {with} with");
-        assert!(with * 100 <= without * 102, "{with} of {without}");
+        // On RTU two lost answers in a row open the port again, behind which another adapter may be.
+        let most = if is_rtu { 104 } else { 102 };
+        assert!(with * 100 <= without * most, "{with} of {without}");
     }
 }
 
@@ -434,7 +441,7 @@ fn lost_answers_and_short_connections_cost_at_most_two_exchanges_more_in_a_hundr
 fn a_person_who_has_looked_at_a_device_confirms_it() {
     let faults = [
         fault("module", WAYS[0]),
-        fault("module", "kind = \"value\"\nsignal = \"bed\"\nvalue = 2.0\nat = \"45400ms\""),
+        fault("module", "kind = \"value\"\nsignal = \"bed\"\nvalue = 2.0\nat = \"75400ms\""),
     ];
     let said = RefCell::new(Vec::new());
     let trace = block_on(async {
@@ -443,7 +450,7 @@ fn a_person_who_has_looked_at_a_device_confirms_it() {
             let devices = ["lathe", "cnc", "module"];
             said.borrow_mut().extend(devices.map(|device| stage.source.confirm(device, &somebody())));
         };
-        world.gateway().at(Duration::from_secs(80), confirm).run(2 * MINUTE).await
+        world.gateway().at(Duration::from_secs(95), confirm).run(2 * MINUTE).await
     });
     law::holds(&trace);
     let done = |text: &str| Ok(Answer::Done(text.to_owned()));
@@ -455,8 +462,8 @@ fn a_person_who_has_looked_at_a_device_confirms_it() {
             done("module: confirmed; the next values of bed are accepted"),
         ]
     );
-    assert_eq!(trace.qualities("bed", 60, 79), ["jumped"], "{}", trace.lines());
-    assert_eq!(trace.qualities("bed", 83, 118), ["good"], "{}", trace.lines());
+    assert_eq!(trace.qualities("bed", 85, 94), ["jumped"], "{}", trace.lines());
+    assert_eq!(trace.qualities("bed", 98, 118), ["good"], "{}", trace.lines());
     assert_eq!(reported(&trace, "command").len(), 2, "{}", trace.lines());
     assert_eq!(reported(&trace, "command-refused").len(), 1, "{}", trace.lines());
 }
@@ -504,6 +511,8 @@ fn a_connection_that_is_lost_right_after_a_check_costs_no_more_than_one_beat() {
     };
     let beats: Vec<f64> = trace.wire.iter().filter(is_beat).map(|seen| trace.seconds(seen.at)).collect();
     let gap = beats.windows(2).map(|two| two[1] - two[0]).filter(|gap| *gap < 50.0).fold(0.0, f64::max);
-    assert!(gap <= 2.5, "{gap} s without a beat: {}", trace.lines());
+    // On RTU the unit rests for the time of a late answer.
+    let most = if speaks_rtu(&trace.profile) { 6.0 } else { 2.5 };
+    assert!(gap <= most, "{gap} s without a beat: {}", trace.lines());
     assert_eq!(trace.reported("disarmed"), 0, "{}", trace.lines());
 }
