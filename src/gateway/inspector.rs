@@ -48,8 +48,8 @@ struct Inspection {
     is_heard: bool,
     /// Resets of the device before it was set up.
     set_up: Option<u64>,
-    /// Breaks of its continuity when the last look ended.
-    looked: u64,
+    /// Breaks of its continuity when all checks were read last.
+    read_after: u64,
     /// By check, in the order of the profile.
     again: Vec<Repetition>,
 }
@@ -66,7 +66,7 @@ struct Repetition {
 }
 
 /// Result of reading the checks of a device.
-enum Look {
+enum CheckRound {
     /// The checks were read after this many breaks. They differ like this.
     Known(u64, Vec<Difference>),
     /// The device does not answer, which is reported elsewhere.
@@ -86,7 +86,7 @@ impl Inspector {
                 Repetition { period, due: start, has_passed: false, unread: (0, start) }
             };
             let again = device.verify.iter().map(repetition).collect();
-            Inspection { device: id, due: start, missed: 0, is_heard, set_up: None, looked: 0, again }
+            Inspection { device: id, due: start, missed: 0, is_heard, set_up: None, read_after: 0, again }
         };
         Inspector(checked.map(inspection).collect())
     }
@@ -110,13 +110,13 @@ impl Inspector {
                 continue;
             }
             let breaks = shared.core().devices.of(id).breaks_so_far();
-            let is_due = now >= inspection.due || inspection.looked != breaks;
+            let is_due = now >= inspection.due || inspection.read_after != breaks;
             if !is_due || inspection.waits_for_polls(shared) {
                 continue;
             }
             round_begins(shared, id);
-            let found = inspection.look(line, shared, can, breaks).await;
-            inspection.looked_again(shared, found);
+            let found = inspection.read_all(line, shared, can, breaks).await;
+            inspection.take_round(shared, found);
         }
     }
 }
@@ -177,24 +177,24 @@ impl Inspection {
                 self.missed = ASSUMED_SILENT;
             }
         }
-        let found = self.look(line, shared, can, breaks).await;
-        self.looked_again(shared, found);
+        let found = self.read_all(line, shared, can, breaks).await;
+        self.take_round(shared, found);
         true
     }
 
-    /// Takes the result of a look at the checks, and plans the next one.
-    fn looked_again(&mut self, shared: &LineHandle, found: Look) {
+    /// Takes the result of reading all checks, and plans the next time.
+    fn take_round(&mut self, shared: &LineHandle, found: CheckRound) {
         let pause = match &found {
             // The answers may come from two devices.
-            Look::Broken => return,
-            Look::Known(_, differences) if differences.is_empty() => Duration::ZERO,
-            Look::Known(..) => LOOK_AGAIN,
-            Look::NoAnswer => ASK_AGAIN,
+            CheckRound::Broken => return,
+            CheckRound::Known(_, differences) if differences.is_empty() => Duration::ZERO,
+            CheckRound::Known(..) => LOOK_AGAIN,
+            CheckRound::NoAnswer => ASK_AGAIN,
         };
         let now = shared.clock.now();
         self.due = now.after(pause);
-        self.looked = shared.core().devices.of(self.device).breaks_so_far();
-        if let Look::Known(breaks, differences) = found {
+        self.read_after = shared.core().devices.of(self.device).breaks_so_far();
+        if let CheckRound::Known(breaks, differences) = found {
             for again in &mut self.again {
                 (again.due, again.has_passed, again.unread) = (now.after(again.period), false, (0, now));
             }
@@ -203,13 +203,13 @@ impl Inspection {
     }
 
     /// Sets the device up and reads every check.
-    async fn look(
+    async fn read_all(
         &mut self,
         line: &mut DeviceLine,
         shared: &LineHandle,
         can: Option<&Can>,
         mut breaks: u64,
-    ) -> Look {
+    ) -> CheckRound {
         let mut differences = Vec::new();
         let resets = shared.core().devices.of(self.device).resets_so_far();
         if can.is_some() && self.set_up != Some(resets) {
@@ -217,11 +217,11 @@ impl Inspection {
                 Ok(found) if found.is_empty() => self.set_up = Some(resets),
                 // Nothing can be set up, and still it is to be read.
                 Ok(found) if shared.dry_run => differences = found,
-                Ok(found) if self.is_after(breaks, shared) => return Look::Known(breaks, found),
-                Ok(_) => return Look::Broken,
+                Ok(found) if self.is_after(breaks, shared) => return CheckRound::Known(breaks, found),
+                Ok(_) => return CheckRound::Broken,
                 Err(_) => {
                     self.missed += 1;
-                    return Look::NoAnswer;
+                    return CheckRound::NoAnswer;
                 }
             }
         }
@@ -239,20 +239,20 @@ impl Inspection {
                     // It answers its polls and never this: some devices are silent where they have no register.
                     let is_silent = self.is_heard && self.missed >= ASSUMED_SILENT;
                     return match is_silent {
-                        true => Look::Known(breaks, vec![check.unreadable(fault)]),
-                        false => Look::NoAnswer,
+                        true => CheckRound::Known(breaks, vec![check.unreadable(fault)]),
+                        false => CheckRound::NoAnswer,
                     };
                 }
             }
         }
         if !self.is_after(breaks, shared) {
-            return Look::Broken;
+            return CheckRound::Broken;
         }
         self.missed = 0;
         if let Some(can) = can {
             can.is_set_up(self.device);
         }
-        Look::Known(breaks, differences)
+        CheckRound::Known(breaks, differences)
     }
 
     /// Returns whether continuity has not been broken since there were this many breaks.

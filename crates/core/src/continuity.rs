@@ -4,13 +4,12 @@
 //! one with other settings. [`DeviceContinuity`] collects what is known of one device. One method breaks its continuity
 //! ([`DeviceContinuity::breaks`]) and one mends it ([`DeviceContinuity::verified`]).
 //!
-//! ```text
-//!              verified                    breaks
-//! Unconfirmed ──────────► Confirmed ◄──► Unconfirmed
-//!      │                      │
-//!      └─────► Changed ◄──────┘            a check found something else
-//!                 └──────► Confirmed       the same check passes again
-//! ```
+//! | state | event | next state |
+//! |---|---|---|
+//! | any | all checks pass, read after the last break | Confirmed |
+//! | any | a check finds something else | Changed |
+//! | Confirmed | contact is broken | Unconfirmed |
+//! | Unconfirmed, Changed | contact is broken | the same |
 //!
 //! While a device is not [`Continuity::Confirmed`], its new readings are not used and nothing is written to it. Its last good
 //! readings age to their `max_age`. A device without checks has nothing that identifies it and stays confirmed. Its breaks are counted,
@@ -72,7 +71,7 @@ pub enum Break {
 /// One check with another result than expected.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
-    /// What was checked, for example `holding:90 (40091)`.
+    /// Register, object or node that was checked, for example `holding:90 (40091)`.
     pub what: String,
     /// Expected value.
     pub was: String,
@@ -87,15 +86,15 @@ pub struct Difference {
 /// Result of a check that did not pass.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Found {
-    /// It reads another value.
+    /// Another value.
     Value(String),
-    /// It cannot be read, for this reason.
+    /// No value, for this reason.
     Unreadable(String),
-    /// It could not be set up, as this sentence says.
+    /// No setup, as this sentence says.
     NotSetUp(String),
 }
 
-/// What identifies a device.
+/// Means by which a device is identified.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Identity {
     /// Nothing: it has no checks.
@@ -119,7 +118,7 @@ pub struct DeviceContinuity {
     answered: Moment,
     /// Requests without an answer since.
     missed: u32,
-    /// That has broken continuity.
+    /// Silence since the last answer, which has broken continuity once.
     is_silent: bool,
 }
 

@@ -38,7 +38,7 @@ pub enum Part {
     Offset,
     /// Owner of the register.
     Share,
-    /// What is written.
+    /// Quantity that is written.
     Writes,
     /// The axis that it belongs to.
     Axis,
@@ -64,9 +64,9 @@ pub trait Place {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Owner {
-    /// All of it is the gateway's.
+    /// The gateway, of all of it.
     Whole,
-    /// It is the operator's. The gateway has a share of it, and a ledger says how much.
+    /// The operator. The gateway has a share of the value, and a ledger says how much.
     Ledger,
 }
 
@@ -89,11 +89,11 @@ pub struct OutputPlace {
     pub bias: i64,
     /// Owner of the register.
     pub share: Owner,
-    /// What is written.
+    /// Quantity that is written.
     pub writes: String,
     /// Axis that is written.
     pub axis: String,
-    /// It counts a diameter: twice the Cz.
+    /// Whether a diameter is counted: twice the Cz.
     pub diameter: bool,
 }
 
@@ -143,37 +143,40 @@ impl fmt::Display for OutputPlace {
     }
 }
 
+/// Parts of the register of an output or signal, each with its value for people.
+fn register(bus: &str, unit: u8, address: &str, (layout, scale): (&str, f64)) -> [(Part, String); 5] {
+    [
+        (Part::Bus, format!("bus {bus}")),
+        (Part::Unit, format!("unit {unit}")),
+        (Part::Address, address.to_owned()),
+        (Part::Type, format!("type {layout}")),
+        (Part::Scale, format!("scale {scale}")),
+    ]
+}
+
 impl Place for OutputPlace {
     fn parts(&self) -> Vec<(Part, String)> {
         let owner = match self.share {
             Owner::Whole => "whole",
             Owner::Ledger => "ledger",
         };
-        vec![
-            (Part::Bus, format!("bus {}", self.bus)),
-            (Part::Unit, format!("unit {}", self.unit)),
-            (Part::Address, self.address.clone()),
-            (Part::Type, format!("type {}", self.layout)),
-            (Part::Scale, format!("scale {}", self.scale)),
+        let register = register(&self.bus, self.unit, &self.address, (&self.layout, self.scale)).into_iter();
+        let more = [
             (Part::Bias, format!("bias {}", self.bias)),
             (Part::Share, format!("share {owner}")),
             (Part::Writes, format!("writes {}", self.writes)),
             (Part::Axis, format!("axis {}", self.axis)),
             (Part::Diameter, (if self.diameter { "diameter" } else { "radius" }).to_owned()),
-        ]
+        ];
+        register.chain(more).collect()
     }
 }
 
 impl Place for SignalPlace {
     fn parts(&self) -> Vec<(Part, String)> {
-        vec![
-            (Part::Bus, format!("bus {}", self.bus)),
-            (Part::Unit, format!("unit {}", self.unit)),
-            (Part::Address, self.address.clone()),
-            (Part::Type, format!("type {}", self.layout)),
-            (Part::Scale, format!("scale {}", self.scale)),
-            (Part::Offset, format!("offset {}", self.offset)),
-        ]
+        let register = register(&self.bus, self.unit, &self.address, (&self.layout, self.scale)).into_iter();
+        let more = [(Part::Offset, format!("offset {}", self.offset))];
+        register.chain(more).collect()
     }
 }
 

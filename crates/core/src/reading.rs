@@ -66,7 +66,7 @@ pub enum Reason {
     OutOfRange,
     /// It changed faster than `max_rate`.
     TooFast,
-    /// It differs from the last good value before its device was away by more than `max_rate` allowed.
+    /// Difference from the last value before its device was away that is larger than `max_rate` allows for that time.
     Jumped,
     /// The device answered with this Modbus exception code.
     Exception(u8),

@@ -13,7 +13,6 @@
 //! - `written`: the places that a gateway writes to.
 //! - [`plan`], [`preview`]: which requests read a device; the tables' previews and the load of each line in one document.
 
-use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -191,8 +190,8 @@ impl Profile {
     /// Returns whether a device of a Modbus TCP line is behind a gateway to a serial line.
     pub fn is_behind_gateway(&self, id: DeviceId) -> bool {
         let device = self.device(id);
-        let units: BTreeSet<u8> = self.devices_on(device.bus).map(|(_, device)| device.unit).collect();
-        self.bus(device.bus).transport == Transport::Tcp && device.quirks.gateway.is_present(units.len())
+        let units = self.devices_on(device.bus).map(|(_, device)| device.unit);
+        device.quirks.gateway.is_present(self.bus(device.bus).transport, units)
     }
 
     /// The signals that are read from a device.

@@ -14,8 +14,8 @@ use isotherm_core::quantity::Moment;
 
 /// A server that closed a connection this recently closes them by habit.
 const HABIT: Duration = Duration::from_secs(3600);
-/// A device with which contact was broken has not answered for longer than this. At the usual periods one lost answer is
-/// shorter.
+/// Shortest silence of a device after which a timeout on a connection that ended is a break. At the usual periods one lost
+/// answer is shorter.
 const SILENCE: Duration = Duration::from_secs(3);
 
 impl DeviceLine {
@@ -55,7 +55,7 @@ impl DeviceLine {
     }
 }
 
-/// How the connections of one line ended.
+/// Ends of the connections of one line.
 #[derive(Debug, Default)]
 pub(super) struct Evidence {
     /// Answers on the present connection.

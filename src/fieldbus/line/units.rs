@@ -44,9 +44,7 @@ pub(super) struct Units {
 impl Units {
     pub(super) fn of(transport: Transport, devices: &[(DeviceId, &Device)]) -> Units {
         let is_tcp = transport == Transport::Tcp;
-        let mut numbers: Vec<u8> = devices.iter().map(|(_, device)| device.unit).collect();
-        numbers.sort_unstable();
-        numbers.dedup();
+        let numbers = || devices.iter().map(|(_, device)| device.unit);
         let unit = |(id, device): &(DeviceId, &Device)| Unit {
             device: *id,
             number: device.unit,
@@ -55,10 +53,10 @@ impl Units {
             breaker: Backoff::new(FIRST_PAUSE, seed(&device.name)),
             last_fault: Fault::Link(LinkFault::Down),
             is_checked: device.is_checked(),
-            is_behind_gateway: is_tcp && device.quirks.gateway.is_present(numbers.len()),
+            is_behind_gateway: device.quirks.gateway.is_present(transport, numbers()),
             heard: Moment::default(),
         };
-        let mut owed = Debts::of_units(devices.iter().map(|(_, device)| device.unit));
+        let mut owed = Debts::of_units(numbers());
         if is_tcp {
             // A gateway has one question at a time on its line: an answer from before the start names no question of ours.
             owed.each().for_each(Owed::is_quiet);

@@ -8,9 +8,9 @@ const LEAST_SECONDS: f64 = 1.0;
 /// Why a value is implausible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RateFault {
-    /// It changed faster than `max_rate`.
+    /// Change faster than `max_rate`.
     TooFast,
-    /// It differs from the last value before a break by more than `max_rate` allowed without a value.
+    /// Difference from the last value before a break that is larger than `max_rate` allows for the time without a value.
     Jumped,
 }
 

@@ -212,7 +212,7 @@ impl Transport {
 }
 
 impl Bus {
-    /// What it is made of, and what is said of its port, of its CAN interface, of a gateway and of what passes on it.
+    /// Preview of the line: its kind, its port or CAN interface, a gateway on it, and its load.
     pub(crate) fn preview(
         &self,
         (serial, can): (Option<Section>, Option<Section>),

@@ -162,7 +162,7 @@ impl Device {
         !self.verify.is_empty() || self.can.as_ref().is_some_and(|can| !can.setup.is_empty())
     }
 
-    /// What is read from it, its checks with what may happen between two of them, and what it has from its template.
+    /// Preview of the device: its reads, its checks with what may happen between two of them, and its template.
     pub(crate) fn preview(
         &self,
         profile: &Profile,

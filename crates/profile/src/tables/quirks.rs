@@ -5,6 +5,7 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use super::bus::Transport;
 use crate::duration::Timespan;
 
 /// Owner of `gateway`, and what to do about it on a line of RTU frames.
@@ -67,10 +68,13 @@ pub enum Gateway {
 }
 
 impl Gateway {
-    /// Returns whether a device on a line with so many different units is behind a gateway.
-    pub const fn is_present(self, units: usize) -> bool {
+    /// Returns whether a device on a line with these units is behind a gateway.
+    pub fn is_present(self, transport: Transport, mut units: impl Iterator<Item = u8>) -> bool {
+        if transport != Transport::Tcp {
+            return false;
+        }
         match self {
-            Gateway::ByUnits => units > 1,
+            Gateway::ByUnits => units.next().is_some_and(|first| units.any(|unit| unit != first)),
             Gateway::Present => true,
             Gateway::Absent => false,
         }

@@ -1,7 +1,7 @@
 //! Units behind a gateway to a serial line.
 
 use super::*;
-use isotherm_profile::Gateway;
+use isotherm_profile::{Gateway, Transport};
 
 /// Another register of the same form.
 const OIL: Request<'static> =
@@ -123,6 +123,8 @@ fn a_gateway_is_taken_for_there_if_two_units_share_a_connection() {
     for (gateway, alone, shared) in
         [(Gateway::ByUnits, false, true), (Gateway::Present, true, true), (Gateway::Absent, false, false)]
     {
-        assert_eq!((gateway.is_present(1), gateway.is_present(2)), (alone, shared), "{gateway:?}");
+        let is_present = |units: &[u8]| gateway.is_present(Transport::Tcp, units.iter().copied());
+        assert_eq!((is_present(&[3, 3]), is_present(&[3, 3, 4])), (alone, shared), "{gateway:?}");
+        assert!(!gateway.is_present(Transport::RtuOverTcp, [3, 4].into_iter()), "RTU waits by itself");
     }
 }

@@ -3,7 +3,8 @@
 use super::*;
 use crate::compensation::ReturnTo;
 
-fn fault_at(cz: f64, on_fault: OnFault) -> (Rig, Micron) {
+/// A machine whose axis held this Cz before the settings of its sensor were changed, and has moved since.
+fn changed_at(cz: f64, on_fault: OnFault) -> (Rig, Micron) {
     let mut settings = axis(vec![linear("rise", 0.0, &[term(BED, 1.0, Reference::Fixed(of(20.0)))])]);
     settings.on_fault = on_fault;
     let mut rig = Rig::new(settings);
@@ -22,11 +23,10 @@ fn fault_at(cz: f64, on_fault: OnFault) -> (Rig, Micron) {
 
 #[test]
 fn an_axis_that_holds_goes_back_in_steps() {
-    let (mut rig, before) = fault_at(10.0, OnFault::Hold);
+    let (mut rig, before) = changed_at(10.0, OnFault::Hold);
     let mut last = rig.after(10.0);
     for _ in 0..40 {
-        let control = rig.control.return_to;
-        rig.control.return_to = Some(ReturnTo { cz: before, slope: Micron::ZERO }).or(control);
+        rig.control.return_to = Some(ReturnTo { cz: before, slope: Micron::ZERO });
         let decision = rig.after(10.0);
         assert!((decision.cz - last.cz).abs() <= um(1.0), "{} after {}", decision.cz, last.cz);
         assert_eq!(decision.target, before);
@@ -38,7 +38,7 @@ fn an_axis_that_holds_goes_back_in_steps() {
 
 #[test]
 fn an_interlock_that_is_open_keeps_it_where_it_is() {
-    let (mut rig, _) = fault_at(10.0, OnFault::Hold);
+    let (mut rig, _) = changed_at(10.0, OnFault::Hold);
     rig.permit(Permit::Held);
     let held = rig.after(10.0).cz;
     assert_eq!(rig.run(100.0).last().unwrap().cz, held);
@@ -46,6 +46,6 @@ fn an_interlock_that_is_open_keeps_it_where_it_is() {
 
 #[test]
 fn an_axis_that_goes_to_zero_goes_there() {
-    let (mut rig, _) = fault_at(10.0, OnFault::Zero);
+    let (mut rig, _) = changed_at(10.0, OnFault::Zero);
     assert_eq!(rig.run(400.0).last().unwrap().cz, Micron::ZERO);
 }
