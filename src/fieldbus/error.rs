@@ -226,6 +226,14 @@ impl Fault {
         }
     }
 
+    /// The device says that it does not have what was asked for. Another refusal only means that it does not answer this now.
+    pub const fn is_absence(self) -> bool {
+        match self {
+            Fault::Unreadable { reason, .. } => Fault::of_a_node(reason).is_absence(),
+            _ => self.is_refusal() && matches!(self.outcome(), Outcome::NotDone),
+        }
+    }
+
     /// A gateway in between has answered for a device that does not.
     pub const fn is_of_a_gateway(self) -> bool {
         matches!(self, Fault::Exception(10 | 11))

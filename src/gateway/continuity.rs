@@ -129,9 +129,14 @@ impl Devices {
         self.devices.iter_mut().for_each(|device| device.breaks(cause, now));
     }
 
-    /// Notes an answer of a device.
+    /// Notes an answer of a device, also one that refuses.
     pub(super) fn answers(&mut self, device: DeviceId, now: Moment) {
         self.devices[device.0].answers(now);
+    }
+
+    /// Notes an answer of a device that brought what was asked for.
+    pub(super) fn delivers(&mut self, device: DeviceId, now: Moment) {
+        self.devices[device.0].delivers(now);
     }
 
     /// Notes a request that a device did not answer.

@@ -43,7 +43,8 @@ pub(super) struct Inspector(Vec<Inspection>);
 struct Inspection {
     device: DeviceId,
     due: Moment,
-    missed: u32,
+    /// Attempts in a row that brought no value, and the time of the last one.
+    missed: (u32, Moment),
     /// Polls, or frames that the device sends, show whether it is present.
     is_heard: bool,
     /// Resets of the device before it was set up.
@@ -86,7 +87,7 @@ impl Inspector {
                 Repetition { period, due: start, has_passed: false, unread: (0, start) }
             };
             let again = device.verify.iter().map(repetition).collect();
-            Inspection { device: id, due: start, missed: 0, is_heard, set_up: None, read_after: 0, again }
+            Inspection { device: id, due: start, missed: (0, start), is_heard, set_up: None, read_after: 0, again }
         };
         Inspector(checked.map(inspection).collect())
     }
@@ -126,11 +127,11 @@ impl Inspection {
     fn waits_for_polls(&self, shared: &LineHandle) -> bool {
         let core = shared.core();
         let lost = core.contact.devices[self.device.0].lost.as_ref();
-        self.is_heard && self.missed > 0 && lost.is_some_and(|lost| lost.answers_since.is_none())
+        self.is_heard && self.missed.0 > 0 && lost.is_some_and(|lost| lost.answers_since.is_none())
     }
 
-    /// Reads the check of a confirmed device that is due first. Returns whether one was due. If it brings another value, or none in
-    /// several attempts between which the device answered something else, all checks are read.
+    /// Reads the check of a confirmed device that is due first. Returns whether one was due. If it brings evidence of a
+    /// change, or no value in several attempts between which the device delivered something else, all checks are read.
     async fn read_again(
         &mut self,
         line: &mut DeviceLine,
@@ -141,8 +142,7 @@ impl Inspection {
         let due = (0..self.again.len()).filter(|place| self.again[*place].due <= now);
         let Some(place) = due.min_by_key(|place| self.again[*place].due) else { return false };
         let (attempts, last) = self.again[place].unread;
-        let answered = shared.core().devices.of(self.device).answered_at();
-        if self.is_heard && attempts > 0 && answered <= last {
+        if attempts > 0 && shared.core().devices.of(self.device).delivered_at() <= last {
             self.again[place].due = now.after(ASK_AGAIN);
             return false;
         }
@@ -162,19 +162,19 @@ impl Inspection {
                 }
                 return true;
             }
-            Ok(Some(difference)) if difference.is_value() => again.due = now.after(ASK_AGAIN),
+            Ok(Some(_)) => again.due = now.after(ASK_AGAIN),
             // Answers to another master say nothing, nor does a connection that cannot be made.
             Err(fault) if fault.is_of_the_line() || fault == Fault::Peer(PeerFault::Foreign) => {
                 again.due = now.after(ASK_AGAIN);
                 return true;
             }
-            Ok(Some(_)) | Err(_) => {
+            Err(_) => {
                 again.unread = (attempts + 1, now);
                 again.due = now.after(ASK_AGAIN * (attempts + 1));
                 if again.unread.0 < ASSUMED_SILENT {
                     return true;
                 }
-                self.missed = ASSUMED_SILENT;
+                self.missed = (ASSUMED_SILENT, now);
             }
         }
         let found = self.read_all(line, shared, can, breaks).await;
@@ -220,7 +220,7 @@ impl Inspection {
                 Ok(found) if self.is_after(breaks, shared) => return CheckRound::Known(breaks, found),
                 Ok(_) => return CheckRound::Broken,
                 Err(_) => {
-                    self.missed += 1;
+                    self.missed.0 += 1;
                     return CheckRound::NoAnswer;
                 }
             }
@@ -234,11 +234,7 @@ impl Inspection {
             match found {
                 Ok(difference) => differences.extend(difference),
                 Err(fault) => {
-                    // A connection that cannot be made says nothing of the register.
-                    self.missed = if fault.is_of_the_line() { self.missed.max(1) } else { self.missed + 1 };
-                    // It answers its polls and never this: some devices are silent where they have no register.
-                    let is_silent = self.is_heard && self.missed >= ASSUMED_SILENT;
-                    return match is_silent {
+                    return match self.is_in_vain(fault, shared) {
                         true => CheckRound::Known(breaks, vec![check.unreadable(fault)]),
                         false => CheckRound::NoAnswer,
                     };
@@ -248,11 +244,29 @@ impl Inspection {
         if !self.is_after(breaks, shared) {
             return CheckRound::Broken;
         }
-        self.missed = 0;
+        self.missed.0 = 0;
         if let Some(can) = can {
             can.is_set_up(self.device);
         }
         CheckRound::Known(breaks, differences)
+    }
+
+    /// Counts an attempt that brought no value. Returns whether the device delivers its polls and never this: some devices are silent,
+    /// or busy, where they have no register.
+    fn is_in_vain(&mut self, fault: Fault, shared: &LineHandle) -> bool {
+        let (attempts, last) = self.missed;
+        let delivers = shared.core().devices.of(self.device).delivered_at() > last;
+        let attempts = match fault {
+            // A connection that cannot be made says nothing of the register.
+            _ if fault.is_of_the_line() => attempts.max(1),
+            // Nor does a refusal while the polls are refused as well.
+            _ if fault.is_refusal() && self.is_heard && !delivers => attempts.max(1),
+            _ => attempts + 1,
+        };
+        self.missed = (attempts, shared.clock.now());
+        let is_busy = fault.is_of_a_gateway() || matches!(fault, Fault::Exception(ACKNOWLEDGE | BUSY));
+        let is_known = self.is_heard || (fault.is_refusal() && !is_busy);
+        is_known && attempts >= ASSUMED_SILENT
     }
 
     /// Returns whether continuity has not been broken since there were this many breaks.
@@ -261,23 +275,22 @@ impl Inspection {
     }
 }
 
-/// Reads one check. A device that refuses it differs.
+/// Reads one check. A device that says that it has no such register differs.
 ///
 /// # Errors
-/// The device did not answer: also if a gateway before it says so, or if it is busy.
+/// The device did not answer, or refused it for another reason.
 async fn read(
     line: &mut DeviceLine,
     device: DeviceId,
     check: &Expected,
 ) -> Result<Option<Difference>, Fault> {
     let Some(request) = Request::read(&check.address, check.encoding.data_type) else {
-        return Ok(Some(check.unreadable(Fault::Caller(CallerFault::Function))));
+        return Ok(Some(check.absent(Fault::Caller(CallerFault::Function))));
     };
     let found = line.read_unverified(device, request).await;
     match found.and_then(|found| found.answer.believed()) {
         Ok(found) => Ok(check.mismatch(registers(&found).registers())),
-        Err(fault @ Fault::Exception(ACKNOWLEDGE | BUSY)) => Err(fault),
-        Err(fault) if fault.is_refusal() && !fault.is_of_a_gateway() => Ok(Some(check.unreadable(fault))),
+        Err(fault) if fault.is_absence() => Ok(Some(check.absent(fault))),
         Err(fault) => Err(fault),
     }
 }
@@ -350,11 +363,12 @@ fn round_begins(shared: &LineHandle, id: DeviceId) {
 }
 
 /// Takes the result of all checks of a device and reports what changed. An axis that reads from a changed device takes its fault
-/// action, from the Cz before the last round. One that would write to it is off.
+/// action, from the Cz before the last round if a check shows that the settings were changed. One that would write to it is off.
 fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Difference>) {
     let name = &shared.profile.device(id).name;
     let mut core = shared.core();
     let found = sentence(&differences);
+    let is_evident = differences.iter().any(Difference::is_evidence);
     let Some(before) = core.devices.verified(id, breaks, differences) else { return };
     if found.is_empty() {
         let Core { devices, arming, .. } = &mut *core;
@@ -374,7 +388,10 @@ fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Dif
     // After a break no reading has been used that came with these settings.
     if before == Continuity::Confirmed {
         let Core { devices, arming, board, .. } = &mut *core;
-        devices.settings_changed(id, arming);
+        // What cannot be read may be as it was.
+        if is_evident {
+            devices.settings_changed(id, arming);
+        }
         let (now, rates) = (shared.clock.now(), devices.of(id).breaks_without_checks());
         for (signal, _) in shared.profile.signals_of(id) {
             board.store(signal, Err(Reason::NotAsExpected), now, rates);

@@ -160,7 +160,10 @@ impl Witness for LineHandle {
             // Nobody answers a frame: that it was sent says nothing of the device.
             Ok(()) if matches!(request, Request::Can(CanRequest::Send { .. })) => {}
             _ => {
-                devices.answers(device, now);
+                match outcome {
+                    Ok(()) => devices.delivers(device, now),
+                    Err(_) => devices.answers(device, now),
+                }
                 if !contact.devices[device.0].is_here() {
                     contact.answers(device, now, events);
                 }

@@ -31,7 +31,9 @@ const DAY: Duration = Duration::from_secs(8 * 3600);
 /// - 754: a strobe that was kept on the way rose after it had been given up, and its acknowledge stood for ever.
 /// - 914: a late set put the number back, and the control passed over the next set, which bore a number that it knew.
 /// - 1795833836: a set that the registers held by half was begun and given up in each turn, and with that the next attempt put off.
-const MENDED: [u64; 5] = [22, 754, 914, 1_795_833_836, 621_073_451_707];
+/// - 1795872391: a module that refused everything for a while also refused its checks. That was taken for changed settings, and the
+///   axes moved back to what they had held before, without readings.
+const MENDED: [u64; 6] = [22, 754, 914, 1_795_833_836, 1_795_872_391, 621_073_451_707];
 
 #[test]
 fn a_seed_repeats_its_day_bit_for_bit() {

@@ -88,7 +88,9 @@ pub struct Difference {
 pub enum Found {
     /// Another value.
     Value(String),
-    /// No value, for this reason.
+    /// No value: the device says that it has no such register, for this reason.
+    Absent(String),
+    /// No value, for a reason that says nothing of the register.
     Unreadable(String),
     /// No setup, as this sentence says.
     NotSetUp(String),
@@ -116,6 +118,8 @@ pub struct DeviceContinuity {
     resets: u64,
     /// Last answer.
     answered: Moment,
+    /// Last answer that was no refusal.
+    delivered: Moment,
     /// Requests without an answer since.
     missed: u32,
     /// Silence since the last answer, which has broken continuity once.
@@ -137,6 +141,7 @@ impl DeviceContinuity {
             breaks: 0,
             resets: 0,
             answered: start,
+            delivered: start,
             missed: 0,
             is_silent: false,
         }
@@ -170,9 +175,9 @@ impl DeviceContinuity {
         }
     }
 
-    /// Time of the last answer.
-    pub fn answered_at(&self) -> Moment {
-        self.answered
+    /// Time of the last answer that was no refusal.
+    pub fn delivered_at(&self) -> Moment {
+        self.delivered
     }
 
     /// Breaks continuity. A device that is already unconfirmed keeps its first cause. A changed device stays changed until a check
@@ -196,9 +201,15 @@ impl DeviceContinuity {
         Some(std::mem::replace(&mut self.state, state))
     }
 
-    /// Notes an answer.
+    /// Notes an answer, also one that refuses.
     pub fn answers(&mut self, now: Moment) {
         (self.answered, self.missed, self.is_silent) = (now, 0, false);
+    }
+
+    /// Notes an answer that brought what was asked for.
+    pub fn delivers(&mut self, now: Moment) {
+        self.answers(now);
+        self.delivered = now;
     }
 
     /// Notes a request without an answer. Several of them, over two poll periods, break continuity once.
@@ -212,9 +223,10 @@ impl DeviceContinuity {
 }
 
 impl Difference {
-    /// Returns whether another value was read.
-    pub fn is_value(&self) -> bool {
-        matches!(self.is, Found::Value(_))
+    /// Returns whether it shows that the device is another one or set otherwise: it brought another value, or the device says that
+    /// it has no such register.
+    pub fn is_evidence(&self) -> bool {
+        matches!(self.is, Found::Value(_) | Found::Absent(_))
     }
 }
 
@@ -240,7 +252,7 @@ impl fmt::Display for Difference {
         let Difference { what, was, is, meaning, remedy } = self;
         match is {
             Found::Value(is) => write!(f, "{what} reads {is} instead of {was} ({meaning})")?,
-            Found::Unreadable(why) => write!(f, "{what} cannot be read: {why} ({meaning})")?,
+            Found::Absent(why) | Found::Unreadable(why) => write!(f, "{what} cannot be read: {why} ({meaning})")?,
             Found::NotSetUp(sentence) => return f.write_str(sentence),
         }
         if remedy.is_empty() { Ok(()) } else { write!(f, ": {remedy}") }

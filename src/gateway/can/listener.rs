@@ -296,7 +296,7 @@ impl CanListener {
         let mut core = self.shared.core();
         let now = self.shared.clock.now();
         let Core { contact, devices, events, .. } = &mut *core;
-        devices.answers(device, now);
+        devices.delivers(device, now);
         contact.answers(device, now, events);
     }
 
@@ -405,7 +405,7 @@ impl CanListener {
                 core.board.store(route.signal, value, now, breaks);
             }
             let Core { contact, devices, events, .. } = &mut **core;
-            devices.answers(route.device, now);
+            devices.delivers(route.device, now);
             contact.answers(route.device, self.shared.clock.now(), events);
         }
         drop(core);

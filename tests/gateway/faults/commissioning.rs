@@ -488,6 +488,27 @@ fn a_check_that_is_refused_once_while_the_gateway_runs_stops_nothing() {
 }
 
 #[test]
+fn a_module_that_refuses_everything_for_a_while_is_not_taken_for_a_changed_one() {
+    for code in [4, 5, 6, 10, 11, 200] {
+        let refused =
+            fault("module", &format!("kind = \"exception\"\ncode = {code}\nat = \"55s\"\nfor_time = \"20s\""));
+        let trace = run(&cell(), &refused, 2 * MINUTE);
+        law::holds(&trace);
+        assert_eq!(trace.reported("not-as-expected"), 0, "{code}: {}", trace.lines());
+        assert_eq!(trace.states_between(62, 74), ["holding"], "{code}: {}", trace.lines());
+        let at = |second| trace.begin.after(Duration::from_secs(second));
+        let held: Vec<f64> = trace
+            .writes("cnc_z")
+            .into_iter()
+            .filter(|(moment, _)| *moment >= at(62) && *moment < at(74))
+            .map(|(_, value)| value)
+            .collect();
+        assert!(held.windows(2).all(|two| two[0] == two[1]), "{code}: {held:?}");
+        assert!(trace.states_between(90, 118).contains(&"active"), "{code}: {}", trace.lines());
+    }
+}
+
+#[test]
 fn a_check_that_a_confirmed_device_refuses_again_and_again_is_reported() {
     let refused = fault("module", "kind = \"exception\"\ncode = 2\nat = \"55s\"");
     let text = seldom_polled().replace("every = \"50s\"", "every = \"5s\"");

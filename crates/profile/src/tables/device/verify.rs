@@ -86,6 +86,11 @@ impl Expected {
         }
     }
 
+    /// Returns the difference that the device has no such register, as it says.
+    pub fn absent(&self, why: impl fmt::Display) -> Difference {
+        self.differs(Found::Absent(why.to_string()))
+    }
+
     /// Returns the difference that it cannot be read, for this reason.
     pub fn unreadable(&self, why: impl fmt::Display) -> Difference {
         self.differs(Found::Unreadable(why.to_string()))
