@@ -1,6 +1,8 @@
 //! The latest readings of the machine, filtered: what was read, whether it may be believed, and since when not.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Duration;
 
 use isotherm_core::codec::{Motion, Tracked};
 use isotherm_core::continuity::{RateFault, RateFilter};
@@ -8,6 +10,7 @@ use isotherm_core::explained::Cause;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
 use isotherm_profile::{DeviceId, Profile};
+use serde::{Deserialize, Serialize};
 
 /// Steps in a row at which a signal is bad for another reason before that is reported.
 const CHANGED_AFTER_STEPS: u32 = 2;
@@ -36,6 +39,14 @@ struct Bad {
     since: Moment,
     /// It was reported. A device or line that does not answer is reported itself.
     is_reported: bool,
+}
+
+/// Last good value of a signal, and its age when it was saved.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct LastGood {
+    pub(super) value: f64,
+    pub(super) age: Duration,
 }
 
 /// What was read last, and what can be said of it at any moment.
@@ -75,6 +86,29 @@ impl Board {
             seen: vec![Reading::NEVER; signals],
             bad: (0..signals).map(|_| None).collect(),
         }
+    }
+
+    /// Begins with the last good values of the run before this one, by signal name, each with the time that has passed since.
+    pub(super) fn recall(&mut self, values: &BTreeMap<String, LastGood>, start: Moment) {
+        let profile = &self.latest.profile;
+        for (place, signal) in profile.signals.iter().enumerate() {
+            if profile.device(signal.device).is_checked() || signal.max_rate.is_none() {
+                continue;
+            }
+            if let Some(LastGood { value, age }) = values.get(&signal.name) {
+                self.rates[place] = RateFilter::after_start(*value, start, *age);
+            }
+        }
+    }
+
+    /// The last good value of each signal that has a `max_rate`, by name.
+    pub(super) fn last_good(&self, now: Moment) -> BTreeMap<String, LastGood> {
+        let signals = self.latest.profile.signals.iter().zip(&self.rates);
+        let good = signals.filter(|(signal, _)| signal.max_rate.is_some()).filter_map(|(signal, rate)| {
+            let (value, at) = rate.last_good()?;
+            Some((signal.name.clone(), LastGood { value, age: now.since(at) }))
+        });
+        good.collect()
     }
 
     /// Takes in what a line brought, if it is plausible: inside the signal's range, and not faster than its rate allows since the last

@@ -1,5 +1,5 @@
-//! State of a machine over a restart: time since machine start, references, lags, datums, what probings taught, and the Cz
-//! that was verified last.
+//! State of a machine over a restart: time since machine start, references, lags, datums, what probings taught, the Cz that was
+//! verified last, and the last good values.
 //!
 //! The [store](super::store) keeps it. If it does not accept a state, the gateway starts without one, and a person arms.
 
@@ -9,6 +9,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::board::LastGood;
 use super::places::{Places, renamed};
 use super::sign::SignMemory;
 use super::store::{by_name, by_place};
@@ -27,8 +28,17 @@ pub(super) struct Memory {
     signals: Vec<String>,
     remembered: Remembered,
     verified_um: BTreeMap<String, f64>,
-    signs: BTreeMap<String, SignMemory>,
-    places: Arc<Places>,
+    rest: Rest,
+}
+
+/// What is saved as it is.
+#[derive(Debug)]
+pub(super) struct Rest {
+    /// By axis: what is known of its sign.
+    pub(super) signs: BTreeMap<String, SignMemory>,
+    pub(super) places: Arc<Places>,
+    /// Last good values of signals with a `max_rate`.
+    pub(super) values: BTreeMap<String, LastGood>,
 }
 
 /// State as the document has it.
@@ -46,6 +56,9 @@ pub(super) struct SavedState {
     /// Places of signals and outputs. None in a document of layout 5.
     #[serde(default)]
     places: Places,
+    /// Last good values of signals with a `max_rate`.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    values: BTreeMap<String, LastGood>,
 }
 
 /// State that a run finds.
@@ -65,6 +78,8 @@ pub(super) struct Recalled {
     pub(super) renamed: BTreeMap<String, String>,
     /// Signals that have another place now, if something was captured from them. It is forgotten.
     pub(super) moved: BTreeMap<String, Moved>,
+    /// Last good values of signals with a `max_rate`, with their age at the start. None if that is not known.
+    pub(super) values: BTreeMap<String, LastGood>,
 }
 
 impl Memory {
@@ -73,10 +88,10 @@ impl Memory {
         at: Moment,
         remembered: Remembered,
         verified_um: BTreeMap<String, f64>,
-        (signs, places): (BTreeMap<String, SignMemory>, Arc<Places>),
+        rest: Rest,
     ) -> Memory {
         let signals = profile.signals.iter().map(|signal| signal.name.clone()).collect();
-        Memory { at, signals, remembered, verified_um, signs, places }
+        Memory { at, signals, remembered, verified_um, rest }
     }
 
     /// The same as the computer's clock has it.
@@ -89,8 +104,9 @@ impl Memory {
     pub(super) fn saved(self) -> serde_json::Result<SavedState> {
         let mut machine = serde_json::to_value(&self.remembered)?;
         by_name(&mut machine, &self.signals);
-        let places = Places::clone(&self.places);
-        Ok(SavedState { at: self.at, machine, verified_um: self.verified_um, signs: self.signs, places })
+        let Rest { signs, places, values } = self.rest;
+        let places = Arc::unwrap_or_clone(places);
+        Ok(SavedState { at: self.at, machine, verified_um: self.verified_um, signs, places, values })
     }
 
     /// Reads what was saved, for the signals of this profile.
@@ -103,17 +119,28 @@ impl Memory {
             let signals: Vec<&str> = profile.signals.iter().map(|signal| signal.name.as_str()).collect();
             by_place(&mut state.machine, &signals);
             let mut remembered: Remembered = serde_json::from_value(state.machine)?;
-            let SavedState { at, verified_um, signs, places, .. } = state;
+            let SavedState { at, verified_um, signs, places, mut values, .. } = state;
             let now = Places::of(profile);
+            let places = places.named_as(&now);
             let mut moved = places.moved_signals(&now);
             let names = places.new_names(&now);
             let (places, verified_um) = (places.renamed(&names), renamed(verified_um, &names));
             let axes: Vec<AxisSettings> = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
+            values.retain(|name, _| !moved.contains_key(name));
             moved.retain(|name, _| {
                 let place = signals.iter().position(|signal| *signal == name.as_str());
                 place.is_some_and(|place| remembered.forget(SignalId(place), &axes))
             });
-            Ok(Recalled { remembered, at: Some(at), verified_um, signs, places, renamed: names, moved })
+            Ok(Recalled {
+                remembered,
+                at: Some(at),
+                verified_um,
+                signs,
+                places,
+                renamed: names,
+                moved,
+                values,
+            })
         });
         read.map_err(|error| error.to_string())
     }

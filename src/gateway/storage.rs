@@ -10,9 +10,10 @@ use std::time::Duration;
 
 use jiff::civil::Date;
 
+use super::board::Board;
 use super::log::Recorder;
 use super::log::outputs::ENDING;
-use super::memory::Memory;
+use super::memory::{Memory, Rest};
 use super::output::OutputState;
 use super::places::{Places, remembers_cz};
 use super::sign::SignMemory;
@@ -216,7 +217,7 @@ impl Storage {
         (now, is_urgent): (Moment, bool),
         compensation: &Compensation,
         (profile, places): (&Profile, &Arc<Places>),
-        outputs: &[OutputState],
+        (board, outputs): (&Board, &[OutputState]),
     ) {
         let is_due = is_urgent || self.remembered.is_none_or(|last| now.since(last) >= REMEMBER_EVERY);
         let Some(writer) = self.writer.as_ref().filter(|_| is_due) else { return };
@@ -230,7 +231,8 @@ impl Storage {
         let verified = verified.collect();
         self.handed_over.clear();
         self.handed_over.extend(outputs.iter().map(|state| state.cz));
-        let rest = (self.signs.clone(), Arc::clone(places));
+        let (signs, values) = (self.signs.clone(), board.last_good(now));
+        let rest = Rest { signs, places: Arc::clone(places), values };
         let memory = Memory::new(profile, now, compensation.remembered(), verified, rest);
         writer.remember(memory.stamped(self.stamps.of_the_clock()));
         let _ = self.hand_over(Job::Sync { at: now });

@@ -1,6 +1,7 @@
 use std::time::Duration;
 
 use super::*;
+use crate::gateway::board::Board;
 use crate::gateway::log::sample;
 use isotherm_core::compensation::model::{Input, Kind, Reference};
 use isotherm_core::compensation::{Compensation, Control, Permit, Snapshot};
@@ -23,9 +24,9 @@ fn gateway(profile: &Profile, remembered: Remembered) -> Compensation {
     Compensation::new(profile.machine.clone(), axes, remembered)
 }
 
-/// No sign is known, and the signals have the places of this profile.
-fn rest(profile: &Profile) -> (BTreeMap<String, SignMemory>, Arc<Places>) {
-    (BTreeMap::new(), Arc::new(Places::of(profile)))
+/// No sign and no value is known, and the signals have the places of this profile.
+fn rest(profile: &Profile) -> Rest {
+    Rest { signs: BTreeMap::new(), places: Arc::new(Places::of(profile)), values: BTreeMap::new() }
 }
 
 /// As it is found again at the next start.
@@ -171,4 +172,23 @@ fn what_was_captured_from_a_signal_that_lies_elsewhere_is_forgotten_with_its_lag
         recalled.moved.is_empty() && captured(&recalled, 0),
         "a state without places takes those of the profile"
     );
+}
+
+#[test]
+fn last_good_values_age_over_a_stop_and_go_with_the_place_of_their_signal() {
+    let mut profile = sample::profile();
+    profile.signals[0].max_rate = Some(0.5);
+    let name = profile.signals[0].name.clone();
+    let mut board = Board::new(&Arc::new(profile.clone()));
+    let at = |seconds: u64| Moment::from_nanos(seconds * 1_000_000_000);
+    board.store(SignalId(0), Ok(21.5), at(100), 0);
+    let values = board.last_good(at(130));
+    assert_eq!(values[&name], LastGood { value: 21.5, age: Duration::from_secs(30) });
+    let rest = Rest { values: values.clone(), ..rest(&profile) };
+    let memory = Memory::new(&profile, at(130), Remembered::default(), BTreeMap::new(), rest);
+    let state = saved(memory);
+    assert_eq!(Memory::recall(Some(state.clone()), &profile).unwrap().values, values);
+    let mut moved = profile;
+    moved.signals[0].encoding.scale = isotherm_core::codec::Scale::of(7.0);
+    assert!(Memory::recall(Some(state), &moved).unwrap().values.is_empty(), "another worth of a count");
 }

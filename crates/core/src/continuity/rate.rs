@@ -1,4 +1,6 @@
-//! Rate of change of one signal, also over a break of its device's continuity.
+//! Rate of change of one signal, also over a break of its device's continuity and over a start of the gateway.
+
+use std::time::Duration;
 
 use crate::quantity::Moment;
 
@@ -28,6 +30,8 @@ pub struct RateFilter {
     last: Option<(f64, Moment)>,
     /// Breaks of the device's continuity before the last value.
     breaks: u64,
+    /// Time without a value before `last`, where that is the time of the start.
+    away: Duration,
     jump: Option<Jump>,
 }
 
@@ -41,6 +45,17 @@ struct Jump {
 }
 
 impl RateFilter {
+    /// Begins with the last good value of a former run, which was taken this long before the start. The first value is compared with
+    /// it as after a break.
+    pub fn after_start(before: f64, start: Moment, away: Duration) -> RateFilter {
+        RateFilter { last: Some((before, start)), breaks: u64::MAX, away, ..RateFilter::default() }
+    }
+
+    /// Returns the last good value and when it was taken.
+    pub fn last_good(&self) -> Option<(f64, Moment)> {
+        self.good
+    }
+
     /// Judges a value taken at this time, with `max_rate` per second and the number of breaks of the device so far. A plausible value
     /// becomes the last good one.
     ///
@@ -53,9 +68,10 @@ impl RateFilter {
             (self.good, self.jump) = (Some((value, at)), None);
             return Ok(());
         };
-        let change_since = |taken: Moment| rate * at.since(taken).as_secs_f64().max(LEAST_SECONDS);
+        let away = std::mem::take(&mut self.away);
+        let change_in = |span: Duration| rate * span.as_secs_f64().max(LEAST_SECONDS);
         if let (true, Some((before, taken))) = (is_first, last) {
-            let allowed = change_since(taken);
+            let allowed = change_in(at.since(taken).saturating_add(away));
             match &mut self.jump {
                 Some(jump) => jump.allowed += allowed,
                 None => self.jump = Some(Jump { before, allowed }),
@@ -65,7 +81,7 @@ impl RateFilter {
             return Err(RateFault::Jumped);
         }
         self.jump = None;
-        if self.good.is_some_and(|(good, taken)| (value - good).abs() > change_since(taken)) {
+        if self.good.is_some_and(|(good, taken)| (value - good).abs() > change_in(at.since(taken))) {
             return Err(RateFault::TooFast);
         }
         self.good = Some((value, at));

@@ -201,3 +201,22 @@ fn a_difference_says_what_was_expected_and_what_was_found() {
         "holding:90 (40091) cannot be read: no answer in time (decimal point): set it to 5 at the panel"
     );
 }
+
+#[test]
+fn the_first_value_after_a_start_must_fit_to_the_last_good_one_of_the_run_before() {
+    // Time since the last good value of 20.0, first value, and whether it is plausible at 0.1 a second.
+    let table =
+        [(0.0, 20.05, true), (0.0, 20.5, false), (10.0, 20.9, true), (10.0, 2.0, false), (3600.0, 2.0, true)];
+    for (away, value, is_plausible) in table {
+        let mut filter = RateFilter::after_start(20.0, at(5.0), Duration::from_secs_f64(away));
+        let judged = filter.judge(value, at(5.0), Some(0.1), 0);
+        assert_eq!(judged.is_ok(), is_plausible, "{value} after {away} s");
+        if !is_plausible {
+            assert_eq!(judged, Err(RateFault::Jumped));
+            assert_eq!(filter.judge(value, at(500.0), Some(0.1), 0), Err(RateFault::Jumped), "also later");
+            filter.forget();
+        }
+        assert_eq!(filter.judge(value, at(501.0), Some(0.1), 0), Ok(()));
+        assert_eq!(filter.last_good(), Some((value, at(501.0))));
+    }
+}
