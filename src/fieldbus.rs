@@ -6,7 +6,7 @@
 //! - [`trace`] — the wire log: every frame, while somebody listens.
 //! - [`canopen`] — what a CANopen master needs, frames in and frames out.
 //! - [`can`] — one CAN interface: frames, error frames, its state, what is asked and written there.
-//! - `opcua` — an OPC UA server, by feature; [`opcua_fault`] — why none can be spoken to;
+//! - `opcua` — an OPC UA server, by feature; [`namespaces`] — those that a profile names by index; [`opcua_fault`] — why none can be spoken to;
 //!   [`opcua_check`] — what is wrong with such a line in a profile.
 //! - [`sysfs`] — the sensors of this computer, each read on a thread of its own.
 //! - [`tcp`] — sockets that keep nothing back, and Modbus TCP on them; [`tls`] — the same inside TLS.
@@ -25,6 +25,7 @@ pub mod error;
 pub mod explain;
 pub mod line;
 pub mod modbus;
+pub mod namespaces;
 #[cfg(feature = "opcua")]
 pub mod opcua;
 pub mod opcua_check;

@@ -49,6 +49,7 @@ mod line_handle;
 mod lock;
 pub mod log;
 mod memory;
+mod namespaces;
 mod noted;
 mod output;
 mod panel;
@@ -240,7 +241,7 @@ impl Gateway {
             let mut core = Core::new(given, remembered, storage, clock.now());
             core.was_driven = was_driven;
             core.storage.signs = std::mem::take(&mut recalled.signs);
-            left::begin(&mut core, (places, is_lost), recalled);
+            left::begin(&mut core, (places, is_lost), recalled, clock.now());
             if let Ok(Some(handover)) = &options.handover {
                 handover.go_on(&mut core, clock.now());
             }
@@ -248,7 +249,10 @@ impl Gateway {
                 (0..core.arming.len()).for_each(|axis| core.disarm(AxisId(axis), NOT_BELIEVED));
             }
             for (axis, why) in core.places.barred(&core.given.profile) {
-                core.disarm(axis, why);
+                // One that was off before keeps its reason, for the program after this one too.
+                if is_in_question || !core.arming[axis.0].latched {
+                    core.disarm(axis, why);
+                }
             }
             core
         };
@@ -419,7 +423,8 @@ impl Gateway {
         let now = self.shared.clock.now();
         storage.outputs.count_for_the_last_time(now);
         let of_profile = (&*self.shared.profile, &core.places.places);
-        storage.remember((now, true), &core.compensation, of_profile, core.outputs.states());
+        let seen = (&core.board, core.outputs.states());
+        storage.remember((now, true), &core.compensation, of_profile, seen);
         let failed = core.failed;
         drop(core);
         // The disk is waited for elsewhere: the lines may still be polled here.
@@ -459,6 +464,11 @@ impl Gateway {
             Some(can) => Box::new(can.dial(settings)),
             None => (self.options.dialer)(settings)?,
         };
+        if let Some(table) = dial.namespaces() {
+            let mut core = self.shared.core();
+            table.begin_with(core.places.namespaces(&settings.address));
+            core.devices.set_namespaces(bus, table);
+        }
         let line = DeviceLine::new(settings, &devices, dial, &self.shared.clock)
             .tapped(self.wire_log.tap(bus))
             .witnessed(Arc::new(handle.clone()))

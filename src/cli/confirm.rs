@@ -4,7 +4,8 @@ use super::command::RunningGateway;
 use super::{ProfileArguments, load};
 use crate::gateway::control;
 
-/// Accepts a device whose readings have jumped while it was away: a person has found that it is the right one with the right settings.
+/// Accepts a device whose readings have jumped while it was away, or an OPC UA server whose namespaces cannot be told: a person has
+/// found that it is the right one with the right settings.
 ///
 /// Until then the gateway does not use a reading that differs from the last good one by more than `max_rate` allowed in between. The
 /// checks of the device (`verify`) are not confirmed by this: they must pass.

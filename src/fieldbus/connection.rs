@@ -8,6 +8,7 @@ use super::departure::Departure;
 use super::eager::Eager;
 use super::error::{Fault, LinkFault};
 use super::modbus::ModbusTcp;
+use super::namespaces::NamespaceTable;
 #[cfg(not(feature = "opcua"))]
 use super::opcua_fault::OpcUaFault;
 use super::rtu::Rtu;
@@ -33,6 +34,11 @@ pub trait Dial: Send {
     /// Whether the last connection resumes the one before it. If not, another device may be at its other end.
     fn resumes(&self) -> bool {
         true
+    }
+
+    /// Namespaces of the server that is dialled. `None` if its protocol has none.
+    fn namespaces(&self) -> Option<NamespaceTable> {
+        None
     }
 
     /// How long that may take beyond the line's timeout.

@@ -12,8 +12,9 @@
 //!   does not run out of them.
 //! - A certificate is trusted where it is, byte for byte, one of those in the profile's directory, and its time is not over. No
 //!   authority is asked, and no name in it is compared.
-//! - A namespace that the profile names by its URI has the index that the server gave it when the connection was opened. A node
-//!   whose namespace the server does not have is not sent to it: it is a node that is not there.
+//! - A namespace that the profile names by its URI has the index that the server gave it when the connection was opened. Of one that
+//!   it names by index, the URI is remembered ([`super::namespaces`]). A node whose namespace the server does not have is not sent
+//!   to it: it is a node that is not there.
 //! - An answer whose number is nobody's is passed over by the library. It is never taken for another's.
 //!
 //! [`DeviceLine`]: super::line::DeviceLine
@@ -28,6 +29,7 @@ use tokio::net::TcpStream;
 
 use super::connection::{Connection, Dial};
 use super::error::{Fault, LinkFault};
+use super::namespaces::NamespaceTable;
 use super::opcua_fault::OpcUaFault;
 use super::tcp::connected;
 use super::trace::Tap;
@@ -74,6 +76,8 @@ pub(super) struct OpcUaDial {
     known: Option<Known>,
     /// The server did not know the session of the connection before.
     is_forgotten: bool,
+    /// Where the namespaces are that the profile names by index.
+    namespaces: NamespaceTable,
 }
 
 /// What is known of a server.
@@ -98,6 +102,7 @@ impl OpcUaDial {
             files,
             known: None,
             is_forgotten: false,
+            namespaces: NamespaceTable::default(),
         })
     }
 
@@ -118,7 +123,7 @@ impl OpcUaDial {
             None => self.begin(files).await?,
         };
         let limits = known.session.limits(&mut link).await?;
-        known.session.read_namespaces(&mut link).await?;
+        known.session.read_namespaces(&mut link, &self.namespaces).await?;
         let wire = OpcUa::new(link, known.session.clone(), limits);
         self.known = Some(known);
         Ok(Connection::Other(Box::new(wire)))
@@ -184,6 +189,10 @@ impl Dial for OpcUaDial {
 
     fn resumes(&self) -> bool {
         !self.is_forgotten
+    }
+
+    fn namespaces(&self) -> Option<NamespaceTable> {
+        Some(self.namespaces.clone())
     }
 
     fn takes(&self) -> Duration {

@@ -127,6 +127,14 @@ impl Contact {
                 lost.fault.clone()
             }
             (Reason::Stale, _) => self.why_stale(id).unwrap_or_else(|| reason.to_string().into()),
+            (Reason::Jumped, _) => {
+                let (path, device) = (self.profile.path.display(), &self.profile.device(signal.device).name);
+                let question = "is it the same device with the same settings?";
+                Explained::new(
+                    reason.to_string(),
+                    format!("{question} If so: isotherm confirm {path} {device}"),
+                )
+            }
             (Reason::Exception(code), _) => self.explained(signal.device, Fault::Exception(code)),
             _ => reason.to_string().into(),
         }

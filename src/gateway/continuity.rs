@@ -5,11 +5,12 @@ use std::sync::Arc;
 
 use super::arming::Arming;
 use super::noted::Noted;
+use crate::fieldbus::namespaces::NamespaceTable;
 use isotherm_core::compensation::model::Model;
 use isotherm_core::compensation::{Compensation, ReturnTo};
 use isotherm_core::continuity::{Break, Continuity, DeviceContinuity, Difference, Identity, sentence};
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{AxisId, Device, DeviceId, Profile};
+use isotherm_profile::{AxisId, BusId, Device, DeviceId, Profile};
 
 /// Continuity of all devices.
 #[derive(Clone, Debug)]
@@ -22,6 +23,8 @@ pub(super) struct Devices {
     held_in_round: Vec<Vec<(usize, ReturnTo)>>,
     /// By device: the axes whose models read it.
     read_by: Vec<Vec<usize>>,
+    /// By bus that is an OPC UA server: where the namespaces are that the profile names by index.
+    namespaces: Vec<Option<NamespaceTable>>,
 }
 
 impl Devices {
@@ -33,7 +36,23 @@ impl Devices {
         let read_by = |id: usize| (0..profile.axes.len()).filter(|axis| reads(*axis, DeviceId(id))).collect();
         let read_by: Vec<Vec<usize>> = (0..profile.devices.len()).map(read_by).collect();
         let held = vec![Vec::new(); read_by.len()];
-        Devices { devices, of_axis, held_in_round: held.clone(), held, read_by }
+        let namespaces = vec![None; profile.buses.len()];
+        Devices { devices, of_axis, held_in_round: held.clone(), held, read_by, namespaces }
+    }
+
+    /// Takes the table that the line of a server fills.
+    pub(super) fn set_namespaces(&mut self, bus: BusId, table: NamespaceTable) {
+        self.namespaces[bus.0] = Some(table);
+    }
+
+    pub(super) fn namespaces(&self, bus: BusId) -> Option<NamespaceTable> {
+        self.namespaces[bus.0].clone()
+    }
+
+    /// A person has confirmed a device of this server: the namespaces that cannot be told are taken as they are now. Returns their
+    /// indices.
+    pub(super) fn confirm_namespaces(&mut self, bus: BusId) -> Vec<u16> {
+        self.namespaces[bus.0].as_ref().map_or_else(Vec::new, NamespaceTable::confirm)
     }
 
     pub(super) fn of(&self, device: DeviceId) -> &DeviceContinuity {

@@ -193,7 +193,8 @@ impl Core {
         let has_learned = self.report_probings(profile, now);
         let is_urgent = self.notes_driven() | has_learned | self.moves_a_position();
         let of_profile = (&**profile, &self.places.places);
-        self.storage.remember((now, is_urgent), &self.compensation, of_profile, self.outputs.states());
+        let seen = (&self.board, self.outputs.states());
+        self.storage.remember((now, is_urgent), &self.compensation, of_profile, seen);
         if stepped.noticed.started {
             self.devices.forget_held();
             self.events.push(Event::MachineStarted);

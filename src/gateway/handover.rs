@@ -43,7 +43,8 @@ impl Handover {
                 let stands = stands.filter_map(|(_, state)| state.cz).next();
                 let decided = core.compensation.decision(place).map(|decision| decision.cz);
                 handover.armed.insert(name, stands.or(decided).unwrap_or_default());
-            } else if arming.latched || arming.tripped {
+            } else if arming.tripped || arming.latched && !core.places.is_why(&name, &arming.why) {
+                // What a former place bars is barred again at the next start, if it is still in doubt there.
                 handover.off.insert(name, arming.why.cause.clone());
             }
         }

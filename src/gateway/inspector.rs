@@ -13,6 +13,7 @@ use crate::fieldbus::wire::{Answer, CanRequest, Request};
 use crate::gateway::can::Can;
 use crate::gateway::core::Core;
 use crate::gateway::line_handle::LineHandle;
+use crate::gateway::namespaces::NamespaceWatch;
 use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
 use isotherm_core::continuity::{Continuity, Difference, Found, sentence};
@@ -20,7 +21,7 @@ use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
 use isotherm_profile::preview::checks;
-use isotherm_profile::{BusId, Device, DeviceId, Expected, Profile, Setup};
+use isotherm_profile::{BusId, Device, DeviceId, Expected, Profile, Setup, Transport};
 
 /// How soon a device that could not be asked is asked again; the line's own pauses come on top.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
@@ -37,7 +38,11 @@ const BUSY: u8 = 6;
 
 /// Reads the checks of the devices on one line.
 #[derive(Debug)]
-pub(super) struct Inspector(Vec<Inspection>);
+pub(super) struct Inspector {
+    bus: BusId,
+    inspections: Vec<Inspection>,
+    namespaces: NamespaceWatch,
+}
 
 #[derive(Debug)]
 struct Inspection {
@@ -78,7 +83,9 @@ enum CheckRound {
 
 impl Inspector {
     pub(super) fn new(profile: &Profile, bus: BusId, start: Moment) -> Inspector {
-        let checked = profile.devices_on(bus).filter(|(_, device)| device.is_checked());
+        // The nodes of a server are identified by their namespaces.
+        let is_server = profile.bus(bus).transport == Transport::OpcUa;
+        let checked = profile.devices_on(bus).filter(|(_, device)| is_server || device.is_checked());
         let stretch = checks::stretch(profile, bus);
         let inspection = |(id, device): (DeviceId, &Device)| {
             let is_heard = device.can.is_some() || !profile.requests(id).is_empty();
@@ -87,18 +94,28 @@ impl Inspector {
                 Repetition { period, due: start, has_passed: false, unread: (0, start) }
             };
             let again = device.verify.iter().map(repetition).collect();
-            Inspection { device: id, due: start, missed: (0, start), is_heard, set_up: None, read_after: 0, again }
+            Inspection {
+                device: id,
+                due: start,
+                missed: (0, start),
+                is_heard,
+                set_up: None,
+                read_after: 0,
+                again,
+            }
         };
-        Inspector(checked.map(inspection).collect())
+        let inspections = checked.map(inspection).collect();
+        Inspector { bus, inspections, namespaces: NamespaceWatch::default() }
     }
 
     pub(super) fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.inspections.is_empty()
     }
 
     /// Reads the checks that are due.
     pub(super) async fn inspect(&mut self, line: &mut DeviceLine, shared: &LineHandle, can: Option<&Can>) {
-        for inspection in &mut self.0 {
+        self.look_at_namespaces(shared);
+        for inspection in &mut self.inspections {
             let (id, now) = (inspection.device, shared.clock.now());
             if line.is_resting(id, now) {
                 continue;
@@ -116,8 +133,26 @@ impl Inspector {
                 continue;
             }
             round_begins(shared, id);
-            let found = inspection.read_all(line, shared, can, breaks).await;
+            let known = self.namespaces.differences(&shared.profile.path, &shared.profile.device(id).name);
+            let found = inspection.read_all(line, shared, can, (breaks, known)).await;
             inspection.take_round(shared, found);
+        }
+    }
+
+    /// A device whose namespaces cannot be told has changed, and is looked at again when they can.
+    fn look_at_namespaces(&mut self, shared: &LineHandle) {
+        let Some(table) = shared.core().devices.namespaces(self.bus) else { return };
+        if !self.namespaces.look(shared.profile.bus(self.bus), &table, &mut shared.core()) {
+            return;
+        }
+        for inspection in &mut self.inspections {
+            let id = inspection.device;
+            inspection.due = shared.clock.now();
+            let found = self.namespaces.differences(&shared.profile.path, &shared.profile.device(id).name);
+            let breaks = shared.core().devices.of(id).breaks_so_far();
+            if !found.is_empty() && shared.core().devices.is_confirmed(id) {
+                verified(shared, id, breaks, found);
+            }
         }
     }
 }
@@ -177,7 +212,7 @@ impl Inspection {
                 self.missed = (ASSUMED_SILENT, now);
             }
         }
-        let found = self.read_all(line, shared, can, breaks).await;
+        let found = self.read_all(line, shared, can, (breaks, Vec::new())).await;
         self.take_round(shared, found);
         true
     }
@@ -202,15 +237,14 @@ impl Inspection {
         }
     }
 
-    /// Sets the device up and reads every check.
+    /// Sets the device up and reads every check. `differences`: what is known already.
     async fn read_all(
         &mut self,
         line: &mut DeviceLine,
         shared: &LineHandle,
         can: Option<&Can>,
-        mut breaks: u64,
+        (mut breaks, mut differences): (u64, Vec<Difference>),
     ) -> CheckRound {
-        let mut differences = Vec::new();
         let resets = shared.core().devices.of(self.device).resets_so_far();
         if can.is_some() && self.set_up != Some(resets) {
             match set_up(line, shared, self.device).await {
@@ -334,7 +368,7 @@ async fn set_up(
 /// The difference of an object that could not be set up.
 fn not_set_up(setup: &Setup, why: String) -> Difference {
     let (what, was) = (named(setup), setup.value.to_string());
-    let is = Found::NotSetUp(format!("{what} {why}"));
+    let is = Found::Described(format!("{what} {why}"));
     Difference { what, was, is, meaning: String::new(), remedy: String::new() }
 }
 

@@ -16,7 +16,7 @@ use crate::observe::events::{Event, Journal};
 use isotherm_core::compensation::Stop;
 use isotherm_core::output::Account;
 use isotherm_core::place::{KnownOutput, OutputPlace};
-use isotherm_core::quantity::Micron;
+use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::Profile;
 
 #[derive(Default)]
@@ -99,6 +99,10 @@ impl Recalled {
                 None => Stop::between(at, by_the_clock),
                 Some(_) => Stop::default(),
             };
+            match stop.by_the_clock {
+                Some(span) => self.values.values_mut().for_each(|last| last.age += span),
+                None => self.values.clear(),
+            }
             self.remembered = std::mem::take(&mut self.remembered).going_on(at, now, stop);
         }
         correction
@@ -106,7 +110,7 @@ impl Recalled {
 }
 
 /// Begins a run with the places of its profile and what the run before it left. `is_lost`: a state is there and is not accepted.
-pub(super) fn begin(core: &mut Core, (places, is_lost): (Places, bool), recalled: Recalled) {
+pub(super) fn begin(core: &mut Core, (places, is_lost): (Places, bool), recalled: Recalled, now: Moment) {
     let profile = Arc::clone(&core.given.profile);
     for (place, output) in profile.outputs.iter().enumerate() {
         if output.writes.position().is_none() {
@@ -126,6 +130,7 @@ pub(super) fn begin(core: &mut Core, (places, is_lost): (Places, bool), recalled
         was.zip(is).is_none_or(|(was, is)| was.is_same_register(is))
     });
     core.storage.left_um = left_um;
+    core.board.recall(&recalled.values, now);
     core.places = Moves::new(places, &profile);
     core.storage.left_um.retain(|name, _| !core.places.is_in_doubt(name));
     core.events.extend(core.places.events());

@@ -427,6 +427,14 @@ impl CommandHandle {
                 );
             };
             if let Some(found) = core.devices.changed(DeviceId(place)) {
+                let accepted = core.devices.confirm_namespaces(profile.devices[place].bus);
+                if !accepted.is_empty() {
+                    let indices: Vec<String> = accepted.iter().map(|index| format!("ns={index}")).collect();
+                    let indices = indices.join(", ");
+                    return Ok(Answer::Done(format!(
+                        "{device}: confirmed; the server's {indices} are accepted"
+                    )));
+                }
                 let hint = "set it so at the device, or correct `verify` in the profile";
                 return Err(Explained::new(format!("its checks do not pass: {found}"), hint));
             }

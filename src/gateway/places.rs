@@ -7,8 +7,9 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::observe::events::Event;
-use isotherm_core::codec::Encoding;
+use isotherm_core::codec::{Encoding, Namespace, NodeId};
 use isotherm_core::explained::Explained;
+use isotherm_core::namespaces::KnownNamespaces;
 use isotherm_core::place::{self, Former, Found, KnownOutput, Moved, OutputPlace, Owner, SignalPlace};
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{AxisId, DeviceId, Output, OutputId, Profile, Share, Signal, Writes};
@@ -27,6 +28,9 @@ pub(super) struct Places {
     /// Outputs whose place was only read: the gateway has written nothing there.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     only_read: BTreeSet<String>,
+    /// By address of an OPC UA server: URIs of the namespaces that the profile names by index.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    namespaces: BTreeMap<String, KnownNamespaces>,
 }
 
 /// Places of this run and what is reported of the former ones.
@@ -76,6 +80,17 @@ fn line(profile: &Profile, device: DeviceId) -> (String, u8) {
     (bus.map_or(String::new(), |bus| bus.address.clone()), device.map_or(0, |device| device.unit))
 }
 
+/// A node by the URI of its namespace, as far as that is known. `None` for any other address.
+fn by_uri(address: &str, known: &KnownNamespaces) -> Option<NodeId> {
+    let mut node: NodeId = address.strip_prefix("node ")?.parse().ok()?;
+    if let Namespace::Index(index) = node.namespace
+        && let Some(uri) = known.uri(index)
+    {
+        node.namespace = Namespace::Uri(uri.to_owned());
+    }
+    Some(node)
+}
+
 /// Type and order of the bytes.
 fn layout(encoding: &Encoding) -> String {
     let name = encoding.data_type.name();
@@ -92,6 +107,29 @@ impl Places {
         let outputs = profile.outputs.iter().map(|output| (output.name.clone(), of_output(profile, output)));
         let signals = profile.signals.iter().map(|signal| (signal.name.clone(), of_signal(profile, signal)));
         Places { outputs: outputs.collect(), signals: signals.collect(), ..Places::default() }
+    }
+
+    /// The same, with each node named as in this profile if both names mean the same node: `ns=2;s=offset` and `nsu=urn:mill;s=offset`.
+    pub(super) fn named_as(mut self, now: &Places) -> Places {
+        let known = std::mem::take(&mut self.namespaces);
+        let rename = |bus: &str, address: &mut String| {
+            let Some(known) = known.get(bus) else { return };
+            let (was, here) = (by_uri(address, known), now.addresses(bus));
+            if let Some(is) = here.into_iter().find(|is| was.is_some() && by_uri(is, known) == was) {
+                is.clone_into(address);
+            }
+        };
+        let former = self.former.iter_mut().map(|former| &mut former.place);
+        self.outputs.values_mut().chain(former).for_each(|place| rename(&place.bus, &mut place.address));
+        self.signals.values_mut().for_each(|place| rename(&place.bus, &mut place.address));
+        Places { namespaces: known, ..self }
+    }
+
+    /// Addresses on a bus.
+    fn addresses(&self, bus: &str) -> Vec<&str> {
+        let outputs = self.outputs.values().map(|place| (&place.bus, &place.address));
+        let signals = self.signals.values().map(|place| (&place.bus, &place.address));
+        outputs.chain(signals).filter(|(of, _)| *of == bus).map(|(_, address)| address.as_str()).collect()
     }
 
     /// Signals that have another place in this profile.
@@ -145,8 +183,10 @@ impl Places {
             Some(Found::Unknown | Found::Removed) | None => is_new_unwritten,
         };
         let only_read = now.outputs.keys().filter(|name| is_only_read(name)).cloned().collect();
+        let mut namespaces = self.namespaces;
+        namespaces.retain(|bus, _| !now.addresses(bus).is_empty());
         let former = Former::after(self.former, left, &now.outputs);
-        Places { former, only_read, ..now }
+        Places { former, only_read, namespaces, ..now }
     }
 
     /// Cz that a corrected position had last, in µm of the axis that it has now. `None` if its place does not tell.
@@ -226,6 +266,28 @@ impl Moves {
             }
         }
         is_new
+    }
+
+    /// Returns whether a former place is the reason why this axis is off.
+    pub(super) fn is_why(&self, axis: &str, why: &Explained) -> bool {
+        let waits = |former: &&Former| former.axes.contains(axis);
+        // What the register holds comes behind it, once that was read.
+        let mut former = self.places.former.iter().filter(waits);
+        former.any(|former| why.cause.starts_with(&self.places.explained(former, None).cause))
+    }
+
+    /// Namespaces that are remembered of the server with this address.
+    pub(super) fn namespaces(&self, bus: &str) -> KnownNamespaces {
+        self.places.namespaces.get(bus).cloned().unwrap_or_default()
+    }
+
+    /// Remembers the namespaces of the server with this address. Returns whether that is news.
+    pub(super) fn remember_namespaces(&mut self, bus: &str, known: &KnownNamespaces) -> bool {
+        if known.is_empty() || self.places.namespaces.get(bus) == Some(known) {
+            return false;
+        }
+        Arc::make_mut(&mut self.places).namespaces.insert(bus.to_owned(), known.clone());
+        true
     }
 
     /// Returns whether this output had another place that is not confirmed.

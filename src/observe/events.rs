@@ -232,6 +232,10 @@ pub enum Event {
     PlaceConfirmed { output: String },
     /// A signal has another place than in the last run: what was captured from it is captured again.
     ReferenceForgotten { signal: String, why: Explained },
+    /// The URI behind an index of the profile is remembered from now on.
+    NamespaceRecorded { bus: String, index: u16, uri: String },
+    /// A namespace has another index at the server than in the profile. It is read and written there.
+    NamespaceMoved { bus: String, uri: String, from: u16, to: u16 },
     /// No state says which Cz a corrected position had: it begins at zero.
     PositionFromZero { output: String },
     /// The register was back at zero: the CNC was restarted.

@@ -58,6 +58,7 @@ parser.add_argument("--changing", action="store_true", help="each of the many ch
 parser.add_argument("--interval", type=float, default=0, help="subscriptions send no sooner than this, milliseconds")
 parser.add_argument("--before", type=int, default=0, help="so many namespaces of other machines come first, with nodes of the same names")
 parser.add_argument("--twice", action="store_true", help="the namespace of the machine is there twice")
+parser.add_argument("--uri", default="urn:test", help="the URI of the machine's namespace")
 arguments = parser.parse_args()
 
 journal = open(arguments.journal, "a", buffering=1) if arguments.journal else None
@@ -150,7 +151,7 @@ async def main():
             node = await server.nodes.objects.add_variable(ua.NodeId(name, other), name, value, kind)
             await node.set_writable()
             others[place][name] = node
-    space = await server.register_namespace("urn:test")
+    space = await server.register_namespace(arguments.uri)
     if arguments.twice:
         array = server.get_node(ua.ObjectIds.Server_NamespaceArray)
         await array.write_value([*await array.read_value(), "urn:test"])

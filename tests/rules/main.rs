@@ -12,7 +12,7 @@ mod source;
 
 /// Which rooms of its crate each room may import, where Cargo cannot hold it. A name behind `::` narrows it to that part
 /// of the room. `src/lib.rs` and `crates/core/src/lib.rs` draw the same.
-const ARROWS: [(&str, &str, &[&str]); 18] = [
+const ARROWS: [(&str, &str, &[&str]); 19] = [
     ("crates/core", "border", &[]),
     ("crates/core", "quantity", &[]),
     ("crates/core", "reading", &["quantity"]),
@@ -22,6 +22,7 @@ const ARROWS: [(&str, &str, &[&str]); 18] = [
     ("crates/core", "output", &["quantity"]),
     ("crates/core", "display", &["compensation", "output", "quantity"]),
     ("crates/core", "explained", &[]),
+    ("crates/core", "namespaces", &[]),
     ("crates/core", "place", &[]),
     ("", "clock", &[]),
     ("", "tls", &[]),

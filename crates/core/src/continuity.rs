@@ -92,8 +92,8 @@ pub enum Found {
     Absent(String),
     /// No value, for a reason that says nothing of the register.
     Unreadable(String),
-    /// No setup, as this sentence says.
-    NotSetUp(String),
+    /// What this sentence says.
+    Described(String),
 }
 
 /// Means by which a device is identified.
@@ -252,8 +252,10 @@ impl fmt::Display for Difference {
         let Difference { what, was, is, meaning, remedy } = self;
         match is {
             Found::Value(is) => write!(f, "{what} reads {is} instead of {was} ({meaning})")?,
-            Found::Absent(why) | Found::Unreadable(why) => write!(f, "{what} cannot be read: {why} ({meaning})")?,
-            Found::NotSetUp(sentence) => return f.write_str(sentence),
+            Found::Absent(why) | Found::Unreadable(why) => {
+                write!(f, "{what} cannot be read: {why} ({meaning})")?
+            }
+            Found::Described(sentence) => f.write_str(sentence)?,
         }
         if remedy.is_empty() { Ok(()) } else { write!(f, ": {remedy}") }
     }

@@ -14,6 +14,7 @@
 //! - [`output`] — the second: from a decision, and what the register said, to what is sent next.
 //! - [`continuity`] — whether the device that answers is the one that was verified.
 //! - [`explained`] — cause and hint of a fault.
+//! - [`namespaces`] — the namespaces that a profile names by index, and where an OPC UA server has them now.
 //! - [`place`] — where outputs and signals lie, and what has changed of that since the last run.
 //! - [`display`] — the state of an axis as people see it, from its decision and the verified value.
 
@@ -23,6 +24,7 @@ pub mod compensation;
 pub mod continuity;
 pub mod display;
 pub mod explained;
+pub mod namespaces;
 pub mod output;
 pub mod place;
 pub mod quantity;

@@ -133,7 +133,7 @@ impl Browser {
         files.own_is_valid().map_err(fault)?;
         let (mut link, known) = dial.begin(files).await?;
         let limits = known.session.limits(&mut link).await?;
-        known.session.read_namespaces(&mut link).await?;
+        known.session.read_namespaces(&mut link, &dial.namespaces).await?;
         let (session, timeout) = (known.session, bus.timeout.max(Duration::from_secs(1)));
         Ok(Browser { link, session, timeout, most: limits.read.min(AT_ONCE) })
     }

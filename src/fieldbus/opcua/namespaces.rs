@@ -6,36 +6,47 @@ use ::opcua::types::{ByteString, Guid, NodeId, Variant};
 use isotherm_core::codec::{self, Identifier, Namespace};
 
 use crate::fieldbus::error::{CallerFault, Fault};
+use crate::fieldbus::namespaces::NamespaceTable;
 
-/// URIs of the namespaces, by index, as the server had them when the connection was opened.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct Namespaces(Arc<[String]>);
+/// Namespaces of a server, as it had them when the connection was opened.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Namespaces {
+    /// URIs by index.
+    uris: Arc<[String]>,
+    /// Where those are that the profile names by index.
+    table: NamespaceTable,
+}
 
 impl Namespaces {
-    /// The server's NamespaceArray. Anything else has no URIs: then only nodes that are named by an index are found.
-    pub(super) fn of(array: Option<&Variant>) -> Namespaces {
-        let Some(Variant::Array(array)) = array else { return Namespaces::default() };
+    /// The server's NamespaceArray. Anything else has no URIs: then only nodes that are named by an index are found, and only if no
+    /// URI is remembered of it.
+    pub(super) fn of(array: Option<&Variant>, table: &NamespaceTable) -> Namespaces {
         let uri = |value: &Variant| match value {
             Variant::String(uri) => uri.as_ref().to_owned(),
             _ => String::new(),
         };
-        Namespaces(array.values.iter().map(uri).collect())
+        let uris = match array {
+            Some(Variant::Array(array)) => array.values.iter().map(uri).collect(),
+            _ => Vec::new(),
+        };
+        table.connected(uris);
+        Namespaces { uris: table.array(), table: table.clone() }
     }
 
-    /// Index of a namespace. `None` if the server does not have the URI, or has it twice.
+    /// Index of a namespace. `None` if the server does not have its URI, or has it twice.
     fn index(&self, namespace: &Namespace) -> Option<u16> {
         let uri = match namespace {
-            Namespace::Index(index) => return Some(*index),
+            Namespace::Index(index) => return self.table.index(*index),
             Namespace::Uri(uri) => uri,
         };
-        let mut places = (0..=u16::MAX).zip(&*self.0).filter(|(_, known)| *known == uri);
+        let mut places = (0..=u16::MAX).zip(&*self.uris).filter(|(_, known)| *known == uri);
         let first = places.next()?.0;
         places.next().is_none().then_some(first)
     }
 
     /// URI of an index.
     pub(super) fn uri(&self, index: u16) -> Option<&str> {
-        self.0.get(usize::from(index)).map(String::as_str).filter(|uri| !uri.is_empty())
+        self.uris.get(usize::from(index)).map(String::as_str).filter(|uri| !uri.is_empty())
     }
 
     /// A node as the library has it. `None` if the server does not have its namespace.
@@ -62,7 +73,7 @@ mod tests {
     fn namespaces(uris: &[&str]) -> Namespaces {
         let values: Vec<Variant> = uris.iter().map(|uri| Variant::String(UAString::from(*uri))).collect();
         let array = Array::new(VariantScalarTypeId::String, values).unwrap();
-        Namespaces::of(Some(&Variant::from(array)))
+        Namespaces::of(Some(&Variant::from(array)), &NamespaceTable::default())
     }
 
     fn found(namespaces: &Namespaces, node: &str) -> Option<String> {
@@ -86,8 +97,9 @@ mod tests {
         assert_eq!(found(&twice, "nsu=urn:mill;i=7"), None);
         assert_eq!(found(&twice, "nsu=urn:lathe;i=7"), None);
         for none in [None, Some(&Variant::from(7_u32))] {
-            assert_eq!(found(&Namespaces::of(none), "nsu=urn:mill;i=7"), None);
-            assert_eq!(found(&Namespaces::of(none), "ns=2;i=7").as_deref(), Some("ns=2;i=7"));
+            let namespaces = Namespaces::of(none, &NamespaceTable::default());
+            assert_eq!(found(&namespaces, "nsu=urn:mill;i=7"), None);
+            assert_eq!(found(&namespaces, "ns=2;i=7").as_deref(), Some("ns=2;i=7"));
         }
     }
 }

@@ -19,6 +19,7 @@ use super::namespaces::Namespaces;
 use super::status::{call_fault, dial_fault};
 use super::{OPENING, fault};
 use crate::fieldbus::error::Fault;
+use crate::fieldbus::namespaces::NamespaceTable;
 use crate::fieldbus::opcua_fault::OpcUaFault;
 
 /// How long a server keeps a session of which it hears nothing, milliseconds: a gateway that was killed holds its place as long.
@@ -255,10 +256,11 @@ impl Session {
         Ok(most.unwrap_or(usize::MAX))
     }
 
-    /// Asks the server for its namespaces.
-    pub(super) async fn read_namespaces(&self, link: &mut Link) -> Result<(), Fault> {
+    /// Asks the server for its namespaces. The table learns them.
+    pub(super) async fn read_namespaces(&self, link: &mut Link, table: &NamespaceTable) -> Result<(), Fault> {
         let array = self.value(link, VariableId::Server_NamespaceArray).await;
-        let namespaces = Namespaces::of(array.map_err(|error| call_fault(&error))?.as_ref());
+        let array = array.map_err(|error| call_fault(&error))?;
+        let namespaces = Namespaces::of(array.as_ref(), table);
         if let Some(held) = self.lock().as_mut() {
             held.namespaces = namespaces;
         }

@@ -166,9 +166,11 @@ pub(super) fn note_place((register, controller): (&Register, &Controller), outpu
     let holds = || register.units.in_text(seen.value);
     let Some((event, why)) = core.places.read(register.id, &output.name, holds) else { return };
     core.events.push(event);
-    let arming = &mut core.arming[output.axis.0];
-    if arming.latched {
-        arming.why = why;
+    let place = output.axis.0;
+    let axis = &core.given.profile.axes[place].settings.name;
+    let is_why = core.arming[place].latched && core.places.is_why(axis, &core.arming[place].why);
+    if is_why {
+        core.arming[place].why = why;
     }
 }
 

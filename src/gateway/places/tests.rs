@@ -1,7 +1,10 @@
 use std::path::Path;
 
 use super::*;
-use isotherm_core::codec::Scale;
+use isotherm_core::codec::{
+    Address, BitField, BitKind, ByteOrder, CanId, CanMatch, DataType, Field, Node, Object, Scale, Selector,
+    WordOrder,
+};
 
 fn grinder() -> Profile {
     let text = include_str!("../../../profiles/surface-grinder.toml");
@@ -68,10 +71,64 @@ fn a_moved_output_bars_its_axis_until_a_person_confirms_and_its_first_read_is_re
     let (event, why) = moves.read(OutputId(id), &name, || "-20.0 µm".to_owned()).unwrap();
     assert_eq!(kinds(&[event]), ["output-moved"]);
     assert_eq!(why.cause, format!("{was}; its register holds -20.0 µm now"));
+    let name_of_axis = &after.axis(axis).settings.name;
+    assert!(moves.is_why(name_of_axis, &barred[0].1) && moves.is_why(name_of_axis, &why));
+    assert!(!moves.is_why("another axis", &why));
+    assert!(!moves.is_why(name_of_axis, &"switched off by a person".into()));
     assert!(moves.read(OutputId(id), &name, || panic!("it was read before")).is_none());
     assert!(moves.confirm("another axis", &after).is_empty() && moves.is_in_doubt(&name));
     assert_eq!(kinds(&moves.confirm(&after.axis(axis).settings.name, &after)), ["place-confirmed"]);
     assert!(!moves.is_in_doubt(&name) && moves.barred(&after).is_empty());
+}
+
+#[test]
+fn a_node_that_is_named_by_its_uri_instead_of_its_index_is_the_same_place() {
+    const PROFILE: &str = r#"
+        [machine]
+        name = "mill"
+        [bus.control]
+        type = "opcua"
+        address = "opc.tcp://127.0.0.1:4840"
+        security = "none"
+        [device.cnc]
+        bus = "control"
+        [signal.bed]
+        device = "cnc"
+        node = "ns=2;s=bed"
+        unit = "degC"
+        [axis.z]
+        limit = 40.0
+        step = 1.0
+        rate = 1.0
+        every = "1s"
+        on_fault = { action = "hold" }
+        [[axis.z.model]]
+        name = "bed"
+        kind = "linear"
+        terms = [{ signal = "bed", gain = 1.0, reference = 20.0 }]
+        [output.offset]
+        axis = "z"
+        device = "cnc"
+        writes = "offset"
+        node = "ns=2;s=offset"
+        type = "i32"
+        scale = 0.1
+    "#;
+    let profile =
+        |text: &str| isotherm_profile::parse(Path::new("mill.toml"), text, &[], &[]).unwrap().profile;
+    let (by_index, by_uri) = (profile(PROFILE), profile(&PROFILE.replace("ns=2;", "nsu=urn:mill;")));
+    for (uri, moved) in [(None, 1), (Some("urn:lathe"), 1), (Some("urn:mill"), 0)] {
+        let mut known = KnownNamespaces::default();
+        uri.into_iter().for_each(|uri| known.remember(2, uri.to_owned()));
+        for (before, after) in [(&by_index, &by_uri), (&by_uri, &by_index)] {
+            let mut moves = Moves::new(Places::of(before), before);
+            moves.remember_namespaces("opc.tcp://127.0.0.1:4840", &known);
+            let places = Places::clone(&moves.places).named_as(&Places::of(after));
+            assert_eq!(places.moved_signals(&Places::of(after)).len(), moved, "{uri:?}");
+            let found = place::compare(&places.outputs, &Places::of(after).outputs);
+            assert_eq!(found["offset"] == Found::Same, moved == 0, "{uri:?}");
+        }
+    }
 }
 
 #[test]
@@ -91,4 +148,68 @@ fn what_is_left_in_a_position_counts_by_the_diameter_and_only_in_the_same_regist
         assert_eq!(before(was.clone()).left_in_position(is, "a", 8.0), left);
     }
     assert_eq!(before(now.clone()).left_in_position(&now, "b", 8.0), None);
+}
+
+/// A start compares these texts with those of the last run. Another word for the same place would switch every axis of every
+/// machine off at the next update of the program. Who changes one must read the former text as the same place.
+#[test]
+fn the_texts_of_places_on_disk_are_what_earlier_versions_have_written() {
+    let register = |text: &str| Address::Modbus(text.parse().unwrap());
+    let bits = |start, length, order, kind| BitField::new(start, length, order, kind).unwrap();
+    let (standard, extended) = (CanId::standard(0x185).unwrap(), CanId::extended(0x18FE_F100).unwrap());
+    let frame = |frames, bits, multiplex| Address::Frame(Field { frames, is_fd: false, bits, multiplex });
+    let intel = bits(8, 16, ByteOrder::Intel, BitKind::Signed);
+    let selector =
+        Selector { bits: bits(0, 8, ByteOrder::Intel, BitKind::Unsigned), values: vec![(2, 2), (5, 7)] };
+    let node = |text: &str| Address::Node(Node { id: text.parse().unwrap(), data_type: None });
+    let sensor = |text: &str| Address::Sensor(text.parse().unwrap());
+    let rows = [
+        (register("coil:3"), "coil:3 (00004)"),
+        (register("discrete:3"), "discrete:3 (10004)"),
+        (register("input:0"), "input:0 (30001)"),
+        (register("holding:104"), "holding:104 (40105)"),
+        (register("holding:10000"), "holding:10000 (410001)"),
+        (Address::Object(Object::new(0x6004, 0x1A, DataType::I32)), "object 6004:1A"),
+        (frame(CanMatch::exactly(standard), intel, Vec::new()), "0x185, 16 bits from 8 up (Intel), signed"),
+        (
+            frame(
+                CanMatch::exactly(extended),
+                bits(7, 32, ByteOrder::Motorola, BitKind::Float),
+                vec![selector],
+            ),
+            "0x18fef100, 32 bits from 7 down (Motorola), float, where 8 bits from 0 up (Intel), unsigned is 2 or 5 to 7",
+        ),
+        (node("ns=2;s=/Plc/DB100.DBD4"), "node ns=2;s=/Plc/DB100.DBD4"),
+        (node("nsu=http://plc.example/data;i=7"), "node nsu=http://plc.example/data;i=7"),
+        (sensor("hwmon:coretemp/Package id 0"), "sensor hwmon:coretemp/Package id 0"),
+        (sensor("iio:mcp9808"), "sensor iio:mcp9808"),
+        (sensor("w1:28-0316a2794f01"), "sensor w1:28-0316a2794f01"),
+    ];
+    for (address, text) in rows {
+        assert_eq!(address.to_string(), text);
+    }
+    let encoding = grinder().outputs[0].encoding.clone();
+    let layout_of = |data_type, word_order, byte_swap| {
+        layout(&Encoding { data_type, word_order, byte_swap, ..encoding.clone() })
+    };
+    for (data_type, text) in [
+        (DataType::Bool, "bool"),
+        (DataType::U16, "u16"),
+        (DataType::I16, "i16"),
+        (DataType::U32, "u32 msw-first"),
+        (DataType::I32, "i32 msw-first"),
+        (DataType::U64, "u64 msw-first"),
+        (DataType::I64, "i64 msw-first"),
+        (DataType::F32, "f32 msw-first"),
+        (DataType::F64, "f64 msw-first"),
+    ] {
+        assert_eq!(layout_of(data_type, WordOrder::MswFirst, false), text);
+    }
+    assert_eq!(layout_of(DataType::I32, WordOrder::LswFirst, true), "i32 lsw-first byte-swapped");
+    let names = [Writes::Offset, Writes::Intercept, Writes::Slope, Writes::Reference].map(Writes::name);
+    assert_eq!(names, ["offset", "intercept", "slope", "reference"]);
+    let corrected = Writes::Corrected { position: isotherm_core::reading::SignalId(0) };
+    assert_eq!(corrected.name(), "corrected");
+    let owners = serde_json::to_string(&[Owner::Whole, Owner::Ledger]).unwrap();
+    assert_eq!(owners, r#"["whole","ledger"]"#);
 }

@@ -329,6 +329,19 @@ impl Event {
             Event::ReferenceForgotten { why, .. } => {
                 warning("reference-forgotten", String::new(), why.clone())
             }
+            Event::NamespaceRecorded { bus, index, uri } => {
+                info("namespace-recorded", format!("bus {bus}: ns={index} is {uri}, which is remembered"))
+            }
+            Event::NamespaceMoved { bus, uri, from, to } => warning(
+                "namespace-moved",
+                format!("bus {bus}"),
+                Explained::new(
+                    format!(
+                        "namespace {uri} is ns={to} at the server, not ns={from}; its nodes are used there"
+                    ),
+                    format!("write nsu={uri};... in place of ns={from};... in the profile"),
+                ),
+            ),
             Event::PositionFromZero { output } => warning(
                 "position-from-zero",
                 format!("output {output}"),

@@ -1,11 +1,15 @@
 //! Namespaces that a server numbers in another order after a restart.
 
-use super::gateway::{beside, wait_until};
+use std::path::Path;
+use std::sync::Arc;
+
+use super::gateway::{beside, events, reported, wait_until};
 use super::held::bed;
 use super::rig::{Line, SHORTLY, Server, machine, profile, subscribing};
 use isotherm::fieldbus::error::Fault;
 use isotherm::fieldbus::wire::Answer;
 use isotherm::gateway::Options;
+use isotherm::observe::asker::{Asker, Way};
 use isotherm_core::reading::{Reason, Status};
 
 /// The machine by the URI of its namespace.
@@ -94,4 +98,84 @@ fn a_gateway_compensates_its_own_machine_after_the_server_has_another_order() {
         holds(&mut server, "10");
         assert_eq!(server.does("other offset"), "0");
     });
+}
+
+/// Options of a gateway that remembers in this directory.
+fn remembering(directory: &Path) -> Options {
+    Options { directory: Some(directory.to_owned()), ..Options::default() }
+}
+
+fn holds(server: &mut Server, counts: &str) {
+    while server.does("read offset") != counts {
+        std::thread::sleep(SHORTLY);
+    }
+}
+
+#[test]
+fn a_namespace_that_is_named_by_its_index_is_found_at_another_index_also_by_the_next_run() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut server = Server::start(&[]);
+    server.does("value bed 23");
+    let (port, text) = (server.port, machine(server.port, ""));
+    let options = || remembering(directory.path());
+    beside(&text, options(), move |source| {
+        holds(&mut server, "30");
+        wait_until(source, "its URI is remembered", |status| reported(status, "namespace-recorded") == 1);
+        let mut server = server.dies(&["--before", "2"]);
+        server.does("value bed 21");
+        holds(&mut server, "10");
+        assert_eq!(server.does("other offset"), "0");
+        wait_until(source, "it says where it is", |status| {
+            let words = "bus control: namespace urn:test is ns=4 at the server, not ns=2";
+            events(status).iter().any(|text| text.starts_with(words))
+        });
+        assert_eq!(reported(&source.status(), "namespace-moved"), 1);
+    });
+    let port = port.to_string();
+    // At another address there may be another server, of which nothing is remembered.
+    for (arguments, event) in
+        [(vec!["--port", &port, "--before", "1"], "namespace-moved"), (vec![], "namespace-recorded")]
+    {
+        let mut server = Server::start(&arguments);
+        server.does("value bed 24");
+        let text = machine(server.port, "");
+        beside(&text, options(), move |source| {
+            wait_until(source, event, |status| reported(status, event) == 1);
+            wait_until(source, "it is read", |status| bed(status) == "good");
+            if event == "namespace-moved" {
+                assert_eq!(server.does("other offset"), "0");
+                assert_eq!(reported(&source.status(), "namespace-recorded"), 0);
+            }
+        });
+    }
+}
+
+#[test]
+fn a_namespace_that_is_gone_or_there_twice_is_used_only_after_a_person_has_confirmed() {
+    for (arguments, words) in [
+        (&["--twice"][..], "the server has namespace urn:test (ns=2) more than once"),
+        (
+            &["--uri", "urn:mill"],
+            "the server does not have namespace urn:test (ns=2) any more, ns=2 is urn:mill now",
+        ),
+    ] {
+        let directory = tempfile::tempdir().unwrap();
+        let mut server = Server::start(&[]);
+        server.does("value bed 23");
+        let text = machine(server.port, "");
+        beside(&text, remembering(directory.path()), move |source| {
+            holds(&mut server, "30");
+            wait_until(source, "its URI is remembered", |status| reported(status, "namespace-recorded") == 1);
+            let mut server = server.dies(arguments);
+            wait_until(source, words, |status| events(status).iter().any(|text| text.contains(words)));
+            wait_until(source, "nothing of it is good", |status| bed(status) != "good");
+            std::thread::sleep(10 * SHORTLY);
+            assert_eq!(server.does("read offset"), "0", "nothing is written");
+            let person = Arc::new(Asker::new(Way::Socket, "maria"));
+            let said = source.confirm("cnc", &person).map(|answer| answer.text().to_owned());
+            assert_eq!(said, Ok("cnc: confirmed; the server's ns=2 are accepted".to_owned()));
+            wait_until(source, "it is read again", |status| bed(status) == "good");
+            assert_eq!(reported(&source.status(), "as-expected"), 1);
+        });
+    }
 }

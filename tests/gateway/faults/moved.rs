@@ -259,6 +259,22 @@ fn another_scale_waits_for_a_person_who_has_seen_the_value_in_both() {
 }
 
 #[test]
+fn an_axis_that_was_switched_off_before_keeps_its_reason_while_a_place_is_in_doubt() {
+    let directory = tempfile::tempdir().unwrap();
+    let off = Handover {
+        by: "by a test".to_owned(),
+        armed: Default::default(),
+        off: [("z".to_owned(), "switched off by a person".to_owned())].into(),
+    };
+    let elsewhere = BENCH.replace("holding:104", "holding:106");
+    let traces = runs(directory.path(), &holds(0), vec![Run::of(BENCH), Run::of(elsewhere).kept(off)]);
+    nothing_moved(&traces[1]);
+    assert_eq!(traces[1].reported("output-moved"), 2, "{}", traces[1].lines());
+    let why = &traces[1].between(15, 16).next().unwrap().status.axes[0].why;
+    assert_eq!(why.cause, "switched off by a person");
+}
+
+#[test]
 fn a_profile_that_has_its_former_place_again_is_in_no_doubt() {
     let directory = tempfile::tempdir().unwrap();
     let elsewhere = BENCH.replace("holding:104", "holding:106");

@@ -1,0 +1,153 @@
+//! Namespaces of one OPC UA server that a profile names by index, shared by the line and the gateway. The line reads the server's
+//! array with each connection and asks for each index; the gateway remembers the URIs and reports what has changed.
+//! [`isotherm_core::namespaces`] decides.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use isotherm_core::namespaces::{KnownNamespaces, Located};
+
+/// Shared table of one server. Whoever has a copy has the same one.
+#[derive(Clone, Debug, Default)]
+pub struct NamespaceTable(Arc<Mutex<Table>>);
+
+#[derive(Debug, Default)]
+struct Table {
+    known: KnownNamespaces,
+    /// Array of the server, read with the last connection.
+    array: Arc<[String]>,
+    /// By index that was asked for: where it was found last.
+    found: BTreeMap<u16, Located>,
+    /// Changes of `found` so far.
+    changes: u64,
+}
+
+impl NamespaceTable {
+    fn lock(&self) -> MutexGuard<'_, Table> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Begins with what a run before this one has remembered.
+    pub fn begin_with(&self, known: KnownNamespaces) {
+        self.lock().known = known;
+    }
+
+    /// Takes the array of the server, as it was read with a new connection.
+    pub fn connected(&self, array: Vec<String>) {
+        let mut table = self.lock();
+        if *table.array == *array {
+            return;
+        }
+        table.array = array.into();
+        table.locate_again();
+    }
+
+    /// Returns the array of the server.
+    pub fn array(&self) -> Arc<[String]> {
+        self.lock().array.clone()
+    }
+
+    /// Returns the index to send for an index of the profile, and remembers a URI that is new. `None` if nothing may be sent.
+    pub fn index(&self, named: u16) -> Option<u16> {
+        let mut table = self.lock();
+        if let Some(found) = table.found.get(&named) {
+            return found.index(named);
+        }
+        table.locate(named)
+    }
+
+    /// Number of changes so far: of what is remembered, or of where it is.
+    pub fn changes(&self) -> u64 {
+        self.lock().changes
+    }
+
+    /// Returns what is remembered.
+    pub fn known(&self) -> KnownNamespaces {
+        self.lock().known.clone()
+    }
+
+    /// Returns each index that was asked for with where it was found last.
+    pub fn found(&self) -> Vec<(u16, Located)> {
+        self.lock().found.iter().map(|(index, found)| (*index, found.clone())).collect()
+    }
+
+    /// A person has confirmed that the server is the right one: each index that is gone or ambiguous is remembered as it is now. Returns
+    /// these indices.
+    pub fn confirm(&self) -> Vec<u16> {
+        let mut table = self.lock();
+        let lost = table.found.iter().filter(|(index, found)| found.index(**index).is_none());
+        let lost: Vec<u16> = lost.map(|(index, _)| *index).collect();
+        for index in &lost {
+            table.known.forget(*index);
+            table.locate(*index);
+        }
+        lost
+    }
+}
+
+impl Table {
+    fn locate(&mut self, named: u16) -> Option<u16> {
+        let found = self.known.locate(named, &self.array);
+        if let Located::New(uri) = &found {
+            self.known.remember(named, uri.clone());
+        }
+        let index = found.index(named);
+        if named != 0 && self.found.insert(named, found.clone()) != Some(found) {
+            self.changes += 1;
+        }
+        index
+    }
+
+    fn locate_again(&mut self) {
+        for named in self.found.keys().copied().collect::<Vec<_>>() {
+            self.locate(named);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn array(uris: &[&str]) -> Vec<String> {
+        ["http://opcfoundation.org/UA/", "urn:server"]
+            .iter()
+            .chain(uris)
+            .map(|uri| (*uri).to_owned())
+            .collect()
+    }
+
+    #[test]
+    fn a_new_uri_is_remembered_once_and_followed_over_connections() {
+        let table = NamespaceTable::default();
+        table.connected(array(&["urn:mill"]));
+        assert_eq!((table.index(2), table.index(0), table.changes()), (Some(2), Some(0), 1));
+        assert_eq!((table.index(2), table.changes()), (Some(2), 1), "nothing new");
+        assert_eq!(table.known().uri(2), Some("urn:mill"));
+        table.connected(array(&["urn:mill"]));
+        assert_eq!(table.changes(), 1, "the same array");
+        table.connected(array(&["urn:lathe", "urn:mill"]));
+        assert_eq!((table.index(2), table.found()), (Some(3), vec![(2, Located::Moved(3))]));
+        table.connected(array(&["urn:mill"]));
+        assert_eq!((table.index(2), table.found()), (Some(2), vec![(2, Located::Same)]));
+    }
+
+    #[test]
+    fn what_is_gone_has_no_index_until_it_is_back_or_a_person_confirms() {
+        let table = NamespaceTable::default();
+        table.connected(array(&["urn:mill"]));
+        assert_eq!(table.index(2), Some(2));
+        table.connected(array(&["urn:lathe"]));
+        assert_eq!((table.index(2), table.known().uri(2)), (None, Some("urn:mill")));
+        let later = NamespaceTable::default();
+        later.begin_with(table.known());
+        later.connected(array(&["urn:lathe"]));
+        assert_eq!(later.index(2), None, "remembered over a restart");
+        let changes = later.changes();
+        assert_eq!(later.confirm(), [2]);
+        assert_eq!((later.index(2), later.known().uri(2)), (Some(2), Some("urn:lathe")));
+        assert!(later.changes() > changes);
+        table.connected(array(&["urn:mill"]));
+        assert_eq!((table.index(2), table.confirm()), (Some(2), vec![]));
+    }
+}
