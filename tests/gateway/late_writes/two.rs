@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use crate::late_writes::control::{Control, Fate};
 use crate::late_writes::rig::{LEDGER, Program, profile_of};
+use crate::support::process::PATIENCE;
 
 const REASON: &str = "a second gateway";
 
@@ -14,8 +15,14 @@ fn elsewhere(text: &str) -> String {
     text.replace("127.0.0.1", "127.0.0.2")
 }
 
+/// Whether it has said that another gateway writes there.
+fn is_off(program: &mut Program) -> bool {
+    program.running.so_far().iter().any(|line| line.contains(REASON))
+}
+
+/// Each goes off that finds steps of the other twice in a row. Once one is off, the other one may find no more of them, and goes on alone.
 #[test]
-fn two_gateways_at_one_shared_register_both_go_off_and_say_why() {
+fn of_two_gateways_at_one_shared_register_one_or_both_go_off_and_say_why() {
     let control = Control::of(|_| Fate::Done);
     control.lock().unwrap().edits(1200);
     let text = profile_of(&control, "2s", LEDGER);
@@ -24,7 +31,7 @@ fn two_gateways_at_one_shared_register_both_go_off_and_say_why() {
         program.running.hears("if all of that is your own value");
         program.is_armed();
     }
-    // The machine warms and cools until both have seen it.
+    // The machine warms and cools until one of them has seen it.
     let bed = control.clone();
     let is_over = Arc::new(AtomicBool::new(false));
     let is_seen = is_over.clone();
@@ -34,17 +41,26 @@ fn two_gateways_at_one_shared_register_both_go_off_and_say_why() {
             std::thread::sleep(Duration::from_secs(6));
         }
     });
-    for program in &mut both {
-        program.running.hears(REASON);
+    // A busy computer is slow, and is no failure.
+    for _ in 0..10 * PATIENCE.as_secs() {
+        if both.iter_mut().any(is_off) {
+            break;
+        }
+        std::thread::sleep(Duration::from_secs(1));
     }
+    assert!(both.iter_mut().any(is_off), "none of them is off");
     is_over.store(true, Ordering::Relaxed);
-    let stands = control.lock().unwrap().offset();
     machine.join().unwrap();
     control.lock().unwrap().never_jumped();
-    assert_eq!(control.lock().unwrap().offset(), stands, "nobody writes any more");
+    if both.iter_mut().all(is_off) {
+        let stands = control.lock().unwrap().offset();
+        std::thread::sleep(Duration::from_secs(3));
+        assert_eq!(control.lock().unwrap().offset(), stands, "nobody writes any more");
+    }
     for program in both {
         program.ends();
     }
+    control.lock().unwrap().never_jumped();
 }
 
 #[test]
