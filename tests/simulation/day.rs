@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::fieldbus::connection::Dial;
+use isotherm::fieldbus::namespaces::NamespaceTable;
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::Source;
 use isotherm_core::quantity::Moment;
@@ -30,6 +31,16 @@ const SECOND: Duration = Duration::from_secs(1);
 const VISIT: Duration = Duration::from_secs(20);
 /// The date on the computer's clock, where that is right.
 const BEGIN: Moment = Moment::from_nanos(1_767_225_600_000_000_000);
+
+/// A rule that the gateway is without, to show what it is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Without {
+    Nothing,
+    /// A reading is as old as its question.
+    Age,
+    /// The namespace of a server is the one behind its index when it was first seen.
+    Uris,
+}
 
 /// What came of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -79,10 +90,10 @@ fn parsed(text: &str) -> Profile {
 }
 
 /// Runs the machine of this seed for so long.
-pub(crate) fn run(profile: &Profile, seed: u64, span: Duration, is_credulous: bool) -> Outcome {
+pub(crate) fn run(profile: &Profile, seed: u64, span: Duration, without: Without) -> Outcome {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build();
     let runtime = runtime.unwrap_or_else(|error| panic!("no runtime: {error}"));
-    runtime.block_on(async { Day::begin(profile, seed, is_credulous).run(span).await })
+    runtime.block_on(async { Day::begin(profile, seed, without).run(span).await })
 }
 
 struct Day<'a> {
@@ -92,7 +103,7 @@ struct Day<'a> {
     shared: Shared,
     disk: MemoryDisk,
     disk_full_until: Duration,
-    is_credulous: bool,
+    without: Without,
     next: (Duration, Happening),
     visits_at: Duration,
     people: People,
@@ -109,7 +120,7 @@ enum End {
 }
 
 impl<'a> Day<'a> {
-    fn begin(profile: &'a Profile, seed: u64, is_credulous: bool) -> Day<'a> {
+    fn begin(profile: &'a Profile, seed: u64, without: Without) -> Day<'a> {
         let mut random = Pcg32::seed_from_u64(seed);
         let passage = Passage::begin();
         let his = random.random_range(-90..90);
@@ -117,7 +128,8 @@ impl<'a> Day<'a> {
         let machine = Machine::new(phases, Laws::new(his));
         let disk = MemoryDisk::default();
         let random_of_lines = Pcg32::seed_from_u64(seed ^ 0x5eed);
-        let world = World::new(machine, random_of_lines, passage.clone(), disk.is_dead.clone());
+        let mut world = World::new(machine, random_of_lines, passage.clone(), disk.is_dead.clone());
+        world.servers.are_there = profile.buses.iter().any(|bus| bus.opcua.is_some());
         let next = script::next(&mut random, Duration::ZERO);
         Day {
             profile,
@@ -126,7 +138,7 @@ impl<'a> Day<'a> {
             passage,
             disk,
             disk_full_until: Duration::ZERO,
-            is_credulous,
+            without,
             next,
             visits_at: VISIT,
             people: People::default(),
@@ -184,18 +196,20 @@ impl<'a> Day<'a> {
             _ => Duration::ZERO,
         };
         let clock = Clock::set_to(BEGIN.after(self.passage.now()).before(wrong), self.passage.passing());
-        let shared = self.shared.clone();
+        let (shared, without) = (self.shared.clone(), self.without);
         let dialer = move |bus: &isotherm_profile::Bus| {
             let line = LINES.iter().position(|name| *name == bus.name)?;
             let has_nodes = bus.opcua.is_some();
-            Some(Box::new(SimulatedDial { shared: shared.clone(), line, has_nodes }) as Box<dyn Dial>)
+            let namespaces = (has_nodes && without != Without::Uris).then(NamespaceTable::default);
+            let (shared, starts) = (shared.clone(), [None; 2]);
+            Some(Box::new(SimulatedDial { shared, line, has_nodes, namespaces, starts }) as Box<dyn Dial>)
         };
         let options = Options {
             directory: Some(PathBuf::from("/state")),
             disk: Arc::new(self.disk.clone()),
             has_threads: false,
             dialer: Arc::new(dialer),
-            is_credulous: self.is_credulous,
+            is_credulous: self.without == Without::Age,
             ..Options::default()
         };
         let gateway = Gateway::new(self.profile.clone(), &clock, options);

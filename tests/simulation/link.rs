@@ -10,6 +10,7 @@ use rand_pcg::Pcg32;
 
 use crate::laws::Rests;
 use crate::machine::{LINES, Machine, Question, SCALE, SENSORS, value};
+use crate::nodes::Servers;
 use crate::script::left_of_storm;
 use crate::time::Passage;
 
@@ -150,6 +151,7 @@ pub(crate) struct World {
     disk_is_dead: Arc<AtomicBool>,
     pub(crate) notes: VecDeque<(Duration, Note)>,
     pub(crate) fingerprint: u64,
+    pub(crate) servers: Servers,
     /// Everything is printed as it happens.
     is_traced: bool,
 }
@@ -184,6 +186,7 @@ impl World {
             disk_is_dead,
             notes: VecDeque::with_capacity(256),
             fingerprint: 14_695_981_039_346_656_037,
+            servers: Servers::default(),
             is_traced: std::env::var_os("SIMULATION_TRACE").is_some(),
         }
     }

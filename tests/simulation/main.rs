@@ -19,6 +19,7 @@ mod time;
 
 use std::time::Duration;
 
+use day::Without;
 use many::Many;
 
 const HOUR: Duration = Duration::from_secs(3600);
@@ -38,13 +39,13 @@ const MENDED: [u64; 6] = [22, 754, 914, 1_795_833_836, 1_795_872_391, 621_073_45
 #[test]
 fn a_seed_repeats_its_day_bit_for_bit() {
     let profile = day::profile();
-    let first = day::run(&profile, 1, 2 * HOUR, false);
-    assert_eq!(first, day::run(&profile, 1, 2 * HOUR, false));
+    let first = day::run(&profile, 1, 2 * HOUR, Without::Nothing);
+    assert_eq!(first, day::run(&profile, 1, 2 * HOUR, Without::Nothing));
 }
 
 #[test]
 fn every_seed_whose_defect_is_mended_holds_the_laws() {
-    let many = Many::run(&day::profile(), &MENDED, DAY, 2, false);
+    let many = Many::run(&day::profile(), &MENDED, DAY, 2, Without::Nothing);
     assert_eq!(many.broken, [], "{many}");
 }
 
@@ -61,7 +62,7 @@ fn fresh_seeds_hold_the_laws() {
     let (first, count) = (number("TEST_FRESH_SEEDS_FROM", 1), number("TEST_SEEDS", 10));
     let hours = number("TEST_SEED_HOURS", 4);
     let seeds: Vec<u64> = (first..first + count).collect();
-    let many = Many::run(&day::profile(), &seeds, HOUR * u32::try_from(hours).unwrap(), 2, false);
+    let many = Many::run(&day::profile(), &seeds, HOUR * u32::try_from(hours).unwrap(), 2, Without::Nothing);
     assert_eq!(many.broken, [], "TEST_FRESH_SEEDS_FROM={first} TEST_SEED_HOURS={hours}: {many}");
     assert!(many.counts.faults > 25 * hours * count && many.changes > 250 * hours * count, "{many}");
 }
@@ -70,7 +71,7 @@ fn fresh_seeds_hold_the_laws() {
 fn sensors_and_control_that_are_servers_of_nodes_hold_the_same_laws() {
     // Two, and six in depth.
     let seeds: Vec<u64> = (1..=number("TEST_SEEDS", 10) / 5).collect();
-    let many = Many::run(&day::profile_of_nodes(), &seeds, DAY, 2, false);
+    let many = Many::run(&day::profile_of_nodes(), &seeds, DAY, 2, Without::Nothing);
     assert_eq!(many.broken, [], "{many}");
     let count = seeds.len() as u64;
     assert!(many.counts.faults > 200 * count && many.changes > 2000 * count, "{many}");
@@ -79,7 +80,7 @@ fn sensors_and_control_that_are_servers_of_nodes_hold_the_same_laws() {
 /// Another module is put in the place of that with the thermocouples. Without a check its readings move the machine.
 #[test]
 fn without_checks_the_simulation_finds_readings_of_another_module() {
-    let many = Many::run(&day::profile_without_checks(), &[1, 2], DAY, 2, false);
+    let many = Many::run(&day::profile_without_checks(), &[1, 2], DAY, 2, Without::Nothing);
     assert!(many.broken.iter().any(|(_, story)| story.contains("R3")), "{many}");
 }
 
@@ -88,6 +89,13 @@ fn without_checks_the_simulation_finds_readings_of_another_module() {
 fn without_the_age_that_begins_with_the_question_the_simulation_finds_old_readings() {
     // The fourth finds some soon.
     let seeds: Vec<u64> = std::iter::once(4).chain(1..=40).collect();
-    let many = Many::run(&day::profile(), &seeds, DAY, 1, true);
+    let many = Many::run(&day::profile(), &seeds, DAY, 1, Without::Age);
     assert!(many.broken.iter().any(|(_, story)| story.contains("R3")), "{many}");
+}
+
+/// A server that is restarted has its namespaces in another order. By their indices alone, another machine is read and written.
+#[test]
+fn without_the_uris_behind_the_indices_the_simulation_finds_writes_to_another_machine() {
+    let many = Many::run(&day::profile_of_nodes(), &[1, 2], DAY, 1, Without::Uris);
+    assert!(many.broken.iter().any(|(_, story)| story.contains("another machine")), "{many}");
 }

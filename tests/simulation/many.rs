@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use isotherm_profile::Profile;
 
-use crate::day::{self, Outcome};
+use crate::day::{self, Outcome, Without};
 use crate::link::Counts;
 use crate::time::Stopwatch;
 
@@ -32,7 +32,7 @@ impl Many {
         seeds: &[u64],
         span: Duration,
         threads: usize,
-        is_credulous: bool,
+        without: Without,
     ) -> Many {
         let (next, is_over) = (AtomicUsize::new(0), AtomicBool::new(false));
         let sum = Mutex::new(Many::default());
@@ -44,8 +44,11 @@ impl Many {
                         if is_over.load(Ordering::Relaxed) {
                             break;
                         }
-                        let outcome = day::run(profile, *seed, span, is_credulous);
-                        is_over.fetch_or(is_credulous && outcome.breach.is_some(), Ordering::Relaxed);
+                        let outcome = day::run(profile, *seed, span, without);
+                        is_over.fetch_or(
+                            without != Without::Nothing && outcome.breach.is_some(),
+                            Ordering::Relaxed,
+                        );
                         sum.lock().unwrap_or_else(PoisonError::into_inner).add(*seed, outcome);
                     }
                 });

@@ -1,11 +1,15 @@
 //! A server of OPC UA in the simulation: its nodes are the registers of a device, and what befalls the line befalls what lies below.
+//! It has another namespace with the same nodes, of another machine. After each restart both have changed places.
 
 use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::error::{CallerFault, Fault};
 use isotherm::fieldbus::modbus::ModbusTcp;
+use isotherm::fieldbus::namespaces::NamespaceTable;
 use isotherm::fieldbus::wire::{Answer, Boxed, NodeReading, NodeRequest, Request, Stamped, Wire};
-use isotherm_core::codec::{Encoded, Identifier, Node, NodeId, Register, Scalar};
+use isotherm_core::codec::{Encoded, Identifier, Namespace, Node, NodeId, Register, Scalar};
 use isotherm_core::reading::{Reason, Status};
+
+use crate::stream::Shared;
 
 /// BadDeviceFailure: a write may have been done.
 const FAILED: Status = Status(0x808b_0000);
@@ -13,7 +17,38 @@ const FAILED: Status = Status(0x808b_0000);
 /// The device below; a server has no such number.
 const UNIT: u8 = 1;
 
-pub(crate) struct Nodes(pub(crate) ModbusTcp);
+/// What the nodes of the other machine hold: 90 °C, and the same type code.
+const OTHERS: [(&str, u16); 1] = [("holding:60", 7)];
+const OTHER: u16 = 9000;
+
+pub(crate) struct Nodes {
+    pub(crate) below: ModbusTcp,
+    pub(crate) shared: Shared,
+    /// Where the namespace is that the profile names by index. `None`: it is taken to be there.
+    pub(crate) namespaces: Option<NamespaceTable>,
+    /// The servers when the connection was made.
+    pub(crate) servers: Servers,
+}
+
+/// Servers of a machine, all of them restarted together.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Servers {
+    pub(crate) are_there: bool,
+    pub(crate) starts: u64,
+}
+
+impl Servers {
+    /// Their NamespaceArray.
+    pub(crate) fn array(self) -> Vec<String> {
+        let (first, second) =
+            if self.starts.is_multiple_of(2) { ("machine", "other") } else { ("other", "machine") };
+        vec!["http://opcfoundation.org/UA/".to_owned(), format!("urn:{first}"), format!("urn:{second}")]
+    }
+
+    fn is_ours(self, index: u16) -> bool {
+        self.array().get(usize::from(index)).is_some_and(|uri| uri == "urn:machine")
+    }
+}
 
 /// `ns=1;s=holding:10`
 fn register(id: &NodeId) -> Result<Register, Fault> {
@@ -32,16 +67,51 @@ fn status(exception: u8) -> Status {
 }
 
 impl Nodes {
+    /// Returns whether the node is one of this machine. `None` if the server does not have it.
+    fn is_ours(&self, id: &NodeId) -> Option<bool> {
+        let Namespace::Index(named) = id.namespace else { return None };
+        let index = match &self.namespaces {
+            Some(table) => table.index(named)?,
+            None => named,
+        };
+        Some(self.servers.is_ours(index))
+    }
+
+    /// Reading of a node of the other machine, or of none.
+    fn of_other(&self, node: &Node) -> NodeReading {
+        let name = node.id.to_string();
+        let known = OTHERS.iter().find(|(place, _)| name.ends_with(place));
+        let value = match self.is_ours(&node.id) {
+            Some(_) => Ok(node.word(known.map_or(OTHER, |(_, value)| *value))),
+            None => Err(Reason::Status(Status::NO_SUCH_NODE.0)),
+        };
+        NodeReading { value, stamped: Stamped::Unknown, asked: None }
+    }
+
     async fn ask(&mut self, request: Request<'_>, departure: &mut Departure) -> Result<Answer, Fault> {
         match request {
             Request::Nodes(NodeRequest::Read(nodes)) => self.read(nodes, departure).await,
+            Request::Nodes(NodeRequest::Namespaces) => departure.leave().map(|_| Answer::Done),
             Request::Nodes(NodeRequest::Write { nodes: [node], values }) => {
                 let at = register(&node.id)?.offset;
+                match self.is_ours(&node.id) {
+                    Some(true) => {}
+                    Some(false) => {
+                        let mut world = self.shared.world();
+                        world
+                            .machine
+                            .laws
+                            .broken
+                            .get_or_insert(format!("{at} is written in another machine"));
+                        return Err(Fault::Status(FAILED));
+                    }
+                    None => return Err(Fault::Status(Status::NO_SUCH_NODE)),
+                }
                 let request = match *values {
                     [value] => Request::WriteSingle { at, value },
                     _ => Request::WriteMultiple { at, values },
                 };
-                match self.0.exchange(UNIT, request, departure).await {
+                match self.below.exchange(UNIT, request, departure).await {
                     Err(Fault::Exception(code)) => Err(Fault::Status(status(code))),
                     answered => answered,
                 }
@@ -53,11 +123,15 @@ impl Nodes {
     /// All of them in one question, which asks for what lies between them, too.
     async fn read(&mut self, nodes: &[Node], departure: &mut Departure) -> Result<Answer, Fault> {
         let places: Vec<Register> = nodes.iter().map(|node| register(&node.id)).collect::<Result<_, _>>()?;
+        if nodes.iter().any(|node| self.is_ours(&node.id) != Some(true)) {
+            departure.leave()?;
+            return Ok(Answer::Nodes(nodes.iter().map(|node| self.of_other(node)).collect()));
+        }
         let from =
             *places.iter().min_by_key(|place| place.offset).ok_or(Fault::Caller(CallerFault::Extent))?;
         let ends = places.iter().zip(nodes).map(|(place, node)| place.offset + node.taken_as().registers());
         let count = ends.max().unwrap_or_default() - from.offset;
-        let answered = self.0.exchange(UNIT, Request::Read { from, count }, departure).await;
+        let answered = self.below.exchange(UNIT, Request::Read { from, count }, departure).await;
         let value = |node: &Node, place: &Register| match &answered {
             Ok(answer) => {
                 let at = usize::from(place.offset - from.offset);

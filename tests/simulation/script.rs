@@ -145,6 +145,10 @@ pub(crate) fn befalls(world: &mut World, what: Happening, now: Duration) {
         Happening::Restart(line, forgets) => {
             world.machine.restarts(line, forgets, now);
             world.cut(line);
+            if world.servers.are_there && line == CNC {
+                world.servers.starts += 1;
+                world.cut(SENSORS);
+            }
             world.turns(line, Weather::Unreachable, now, 3 * SECOND);
             world.did(now, "a control restarts, and forgets everything: 1", u64::from(forgets));
         }

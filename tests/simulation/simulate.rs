@@ -18,6 +18,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Parser;
+use day::Without;
 use many::Many;
 
 /// Runs whole gateways on simulated machines, and holds what they do to the laws of the offset. A seed repeats its day bit
@@ -61,7 +62,7 @@ fn main() -> ExitCode {
         _ => day::profile(),
     };
     let seeds: Vec<u64> = (first..=last).collect();
-    let many = Many::run(&profile, &seeds, span, threads, false);
+    let many = Many::run(&profile, &seeds, span, threads, Without::Nothing);
     println!("{many}");
     if many.broken.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }

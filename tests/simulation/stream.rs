@@ -9,6 +9,7 @@ use std::time::Duration;
 use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::error::{Fault, LinkFault};
 use isotherm::fieldbus::modbus::ModbusTcp;
+use isotherm::fieldbus::namespaces::NamespaceTable;
 use isotherm::fieldbus::port::Port;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::Boxed;
@@ -34,6 +35,10 @@ pub(crate) struct SimulatedDial {
     pub(crate) line: usize,
     /// The device is a server of OPC UA.
     pub(crate) has_nodes: bool,
+    /// Where its namespaces are. `None`: nobody looks.
+    pub(crate) namespaces: Option<NamespaceTable>,
+    /// Starts of the server before the last connection and before the one before it.
+    pub(crate) starts: [Option<u64>; 2],
 }
 
 impl Dial for SimulatedDial {
@@ -41,11 +46,28 @@ impl Dial for SimulatedDial {
         let number = self.shared.world().dial(self.line);
         let stream =
             number.map(|number| Stream { shared: self.shared.clone(), line: self.line, number, timer: None });
+        let servers = self.shared.world().servers;
+        if stream.is_some() {
+            self.starts = [self.starts[1], Some(servers.starts)];
+            self.namespaces.iter().for_each(|table| table.connected(servers.array()));
+        }
         let connection = stream.map(|stream| match (ModbusTcp::new(stream, tap), self.has_nodes) {
-            (below, true) => Connection::Other(Box::new(Nodes(below))),
+            (below, true) => {
+                let (shared, namespaces) = (self.shared.clone(), self.namespaces.clone());
+                Connection::Other(Box::new(Nodes { below, shared, namespaces, servers }))
+            }
             (below, false) => Connection::Modbus(below),
         });
         Box::pin(std::future::ready(connection.ok_or(Fault::Link(LinkFault::Refused))))
+    }
+
+    /// A server that was restarted has forgotten the gateway.
+    fn resumes(&self) -> bool {
+        !self.has_nodes || self.starts[0].is_none() || self.starts[0] == self.starts[1]
+    }
+
+    fn namespaces(&self) -> Option<NamespaceTable> {
+        self.namespaces.clone()
     }
 }
 
