@@ -41,7 +41,7 @@ struct Bad {
     is_reported: bool,
 }
 
-/// Last good value of a signal, and its age when it was saved.
+/// Last good value of a signal, and for how long none had come when it was saved.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct LastGood {
@@ -104,9 +104,9 @@ impl Board {
     /// The last good value of each signal that has a `max_rate`, by name.
     pub(super) fn last_good(&self, now: Moment) -> BTreeMap<String, LastGood> {
         let signals = self.latest.profile.signals.iter().zip(&self.rates);
-        let good = signals.filter(|(signal, _)| signal.max_rate.is_some()).filter_map(|(signal, rate)| {
-            let (value, at) = rate.last_good()?;
-            Some((signal.name.clone(), LastGood { value, age: now.since(at) }))
+        let good = signals.filter_map(|(signal, filter)| {
+            let (value, age) = filter.before_stop(now, signal.max_rate?)?;
+            Some((signal.name.clone(), LastGood { value, age }))
         });
         good.collect()
     }

@@ -127,6 +127,7 @@ impl Memory {
             let (places, verified_um) = (places.renamed(&names), renamed(verified_um, &names));
             let axes: Vec<AxisSettings> = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
             values.retain(|name, _| !moved.contains_key(name));
+            values = renamed(values, &places.new_names_of_signals(&now));
             moved.retain(|name, _| {
                 let place = signals.iter().position(|signal| *signal == name.as_str());
                 place.is_some_and(|place| remembered.forget(SignalId(place), &axes))

@@ -45,15 +45,21 @@ struct Jump {
 }
 
 impl RateFilter {
-    /// Begins with the last good value of a former run, which was taken this long before the start. The first value is compared with
-    /// it as after a break.
+    /// Begins with what [`RateFilter::before_stop`] has left in a former run, this long before the start. The first value is compared
+    /// with it as after a break.
     pub fn after_start(before: f64, start: Moment, away: Duration) -> RateFilter {
         RateFilter { last: Some((before, start)), breaks: u64::MAX, away, ..RateFilter::default() }
     }
 
-    /// Returns the last good value and when it was taken.
-    pub fn last_good(&self) -> Option<(f64, Moment)> {
-        self.good
+    /// Returns the value with which the first one after a stop is to be compared, and for how long none has come: the last good
+    /// one, or the one before a jump that lasts. Waiting makes a jump no more plausible than it is.
+    pub fn before_stop(&self, now: Moment, rate: f64) -> Option<(f64, Duration)> {
+        if let Some(Jump { before, allowed }) = self.jump {
+            return Some((before, Duration::try_from_secs_f64(allowed / rate).unwrap_or(Duration::MAX)));
+        }
+        // Without a good value none has come since the start.
+        let (value, taken) = self.good.or(self.last)?;
+        Some((value, now.since(taken).saturating_add(self.away)))
     }
 
     /// Judges a value taken at this time, with `max_rate` per second and the number of breaks of the device so far. A plausible value

@@ -217,6 +217,33 @@ fn the_first_value_after_a_start_must_fit_to_the_last_good_one_of_the_run_before
             filter.forget();
         }
         assert_eq!(filter.judge(value, at(501.0), Some(0.1), 0), Ok(()));
-        assert_eq!(filter.last_good(), Some((value, at(501.0))));
+        assert_eq!(filter.before_stop(at(504.0), 0.1), Some((value, Duration::from_secs(3))));
     }
+}
+
+#[test]
+fn what_a_jump_is_compared_with_survives_any_number_of_starts() {
+    let minute = Duration::from_secs(60);
+    let mut filter = RateFilter::after_start(20.0, at(0.0), minute);
+    for start in 1..10 {
+        // No value comes in this run.
+        let (value, away) = filter.before_stop(at(5.0), 0.1).unwrap();
+        assert_eq!((value, away), (20.0, minute + Duration::from_secs(5 * start)));
+        filter = RateFilter::after_start(value, at(0.0), away);
+    }
+    let allowed = 0.1 * (60.0 + 45.0);
+    for _ in 0..10 {
+        // Each value of this run has jumped, for an hour.
+        (0..60).for_each(|minute| {
+            let judged = filter.judge(20.0 + allowed + 1.0, at(60.0 * f64::from(minute)), Some(0.1), 0);
+            assert_eq!(judged, Err(RateFault::Jumped));
+        });
+        let (value, away) = filter.before_stop(at(3600.0), 0.1).unwrap();
+        assert!(
+            (value - 20.0).abs() < 1e-9 && (away.as_secs_f64() - 105.0).abs() < 1e-6,
+            "{value}, {away:?}"
+        );
+        filter = RateFilter::after_start(value, at(0.0), away);
+    }
+    assert_eq!(filter.judge(20.0 + allowed - 1.0, at(0.0), Some(0.1), 0), Ok(()));
 }
