@@ -120,6 +120,9 @@ pub struct Options {
     /// Where state and log are kept; nowhere without it. Whoever gives none answers for it that nothing of an earlier run
     /// is still on its way to a register.
     pub directory: Option<PathBuf>,
+    /// State directory of a gateway that runs elsewhere: what it has remembered of the namespaces of servers is used. Nothing is
+    /// written there.
+    pub remembered_in: Option<PathBuf>,
     /// Where the state is kept in that directory.
     pub disk: Arc<dyn Disk>,
     /// Disk and watch have threads of their own. Without them there is no watch and no log, everything happens in the one
@@ -150,6 +153,7 @@ impl Default for Options {
         Options {
             dry_run: false,
             directory: None,
+            remembered_in: None,
             disk: Arc::new(Files),
             has_threads: true,
             dialer: Arc::new(dial),

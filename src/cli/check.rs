@@ -76,7 +76,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let servers = notices::look(&profile)?;
     let directory = known_directory(arguments.state.as_deref().or(profile.history.directory.as_deref()));
     let moved = moved_since(&directory, &profile);
-    let status = gauge::once(profile)?;
+    let status = gauge::once(profile, directory)?;
     if arguments.json {
         let document = serde_json::json!({
             "profile": preview, "online": status, "can": lines, "pipeline": pairs, "sensors": sensors, "notify": servers,

@@ -1,6 +1,7 @@
 //! One look at every device, reading only: the gateway in a dry run, until each signal has been read or has failed.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -15,10 +16,10 @@ use isotherm_profile::counted;
 /// The longest that a frame is waited for which comes by itself.
 const LONGEST_PERIOD: Duration = Duration::from_secs(10);
 
-/// Reads everything once.
-pub(super) fn once(profile: Profile) -> anyhow::Result<Status> {
+/// Reads everything once. `directory`: of the gateway that runs there, which knows the namespaces of servers.
+pub(super) fn once(profile: Profile, directory: PathBuf) -> anyhow::Result<Status> {
     let mut last = None;
-    watch(profile, |status| {
+    watch(profile, directory, |status| {
         last = Some(status);
         false
     })?;
@@ -26,7 +27,11 @@ pub(super) fn once(profile: Profile) -> anyhow::Result<Status> {
 }
 
 /// Reads everything, and goes on each second as long as `look` says so.
-pub(super) fn watch(profile: Profile, mut look: impl FnMut(Status) -> bool) -> anyhow::Result<()> {
+pub(super) fn watch(
+    profile: Profile,
+    directory: PathBuf,
+    mut look: impl FnMut(Status) -> bool,
+) -> anyhow::Result<()> {
     let patience = profile.buses.iter().map(|bus| bus.timeout * 3).max().unwrap_or_default();
     let devices = u32::try_from(profile.devices.len()).unwrap_or(u32::MAX);
     let patience = patience * devices.max(1) + Duration::from_millis(500);
@@ -35,7 +40,8 @@ pub(super) fn watch(profile: Profile, mut look: impl FnMut(Status) -> bool) -> a
     let patience = comes.map(|signal| signal.max_age.min(LONGEST_PERIOD)).fold(patience, Duration::max);
     super::runtime()?.block_on(async {
         let clock = Clock::wall();
-        let gateway = Gateway::new(profile, &clock, Options { dry_run: true, ..Options::default() });
+        let options = Options { dry_run: true, remembered_in: Some(directory), ..Options::default() };
+        let gateway = Gateway::new(profile, &clock, options);
         let source = gateway.source();
         let mut sleeper = clock.join();
         let looking = async {

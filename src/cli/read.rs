@@ -2,6 +2,7 @@
 
 use std::io::IsTerminal;
 
+use super::run::known_directory;
 use super::target::Target;
 use super::{gauge, print_json};
 use crate::cli::say::{clear, say_all};
@@ -53,8 +54,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         super::refuse("--bus and --timeout want --register: what to read")
     }
     let document = |status: &Status| serde_json::json!({ "now": status.now, "signals": status.signals });
+    let directory = known_directory(profile.history.directory.as_deref());
     if !arguments.watch {
-        let status = gauge::once(profile)?;
+        let status = gauge::once(profile, directory)?;
         if arguments.json {
             print_json(&document(&status))?;
         } else {
@@ -63,7 +65,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return gauge::judge(&status);
     }
     let redraws = std::io::stdout().is_terminal() && !arguments.json;
-    gauge::watch(profile, |status| {
+    gauge::watch(profile, directory, |status| {
         let text = if arguments.json {
             format!("{}\n", document(&status))
         } else {

@@ -7,6 +7,7 @@ use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
+use super::run::known_directory;
 use super::signals::Signals;
 use super::{ProfileArguments, load, machines, values};
 use crate::cli::say::{say_all, say_beside};
@@ -101,7 +102,9 @@ async fn record(
     let signals = counted(profile.signals.len(), "signal");
     say_beside!("recording {signals} into {}; end it with Ctrl-C", recording.path());
     let mut signals = Signals::listen()?;
-    let gateway = Gateway::new(profile, clock, Options { dry_run: true, ..Options::default() });
+    let remembered_in = Some(known_directory(profile.history.directory.as_deref()));
+    let gateway =
+        Gateway::new(profile, clock, Options { dry_run: true, remembered_in, ..Options::default() });
     let source = gateway.source();
     let mut sleeper = clock.join();
     drop(ready);

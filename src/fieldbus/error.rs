@@ -230,7 +230,10 @@ impl Fault {
     pub const fn is_absence(self) -> bool {
         match self {
             Fault::Unreadable { reason, .. } => Fault::of_a_node(reason).is_absence(),
-            _ => self.is_refusal() && matches!(self.outcome(), Outcome::NotDone),
+            Fault::Exception(code) => matches!(code, 1..=3),
+            Fault::Aborted(AbortCode(code)) => matches!(code, NO_SUCH_OBJECT | NO_SUCH_SUBINDEX),
+            Fault::Status(status) => status.is(Status::NO_SUCH_NODE),
+            _ => false,
         }
     }
 
@@ -315,6 +318,10 @@ impl Fault {
         }
     }
 }
+
+/// SDO abort codes of an object that the node does not have. Source: CiA 301, 7.2.4.3.17.
+const NO_SUCH_OBJECT: u32 = 0x0602_0000;
+const NO_SUCH_SUBINDEX: u32 = 0x0609_0011;
 
 /// The answers to a write that say it was not done. Any other may come of a server that has handed the value on already.
 const fn is_not_done(status: Status) -> bool {

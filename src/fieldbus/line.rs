@@ -419,6 +419,9 @@ impl DeviceLine {
         {
             let outcome = answer.as_ref().map(|_| ()).map_err(|fault| *fault);
             witness.note(device, request, outcome, self.refusals());
+            if answer.as_ref().is_ok_and(|answer| request.is_answered() && answer.is_of_use()) {
+                witness.delivers(device);
+            }
         }
         // One that never left has no answer.
         // One that was asked twice may answer the first question.

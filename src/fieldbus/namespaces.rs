@@ -71,25 +71,29 @@ impl NamespaceTable {
         self.lock().found.iter().map(|(index, found)| (*index, found.clone())).collect()
     }
 
-    /// A person has confirmed that the server is the right one: each index that is gone or ambiguous is remembered as it is now. Returns
-    /// these indices.
-    pub fn confirm(&self) -> Vec<u16> {
+    /// A person has confirmed that the profile means what the server has at each index whose namespace cannot be told. Returns these
+    /// indices with their URIs.
+    pub fn confirm(&self) -> Vec<(u16, Option<String>)> {
         let mut table = self.lock();
         let lost = table.found.iter().filter(|(index, found)| found.index(**index).is_none());
         let lost: Vec<u16> = lost.map(|(index, _)| *index).collect();
-        for index in &lost {
-            table.known.forget(*index);
-            table.locate(*index);
-        }
-        lost
+        let array = table.array.clone();
+        let accept = |index: u16| {
+            let uri = table.known.accept(index, &array).map(str::to_owned);
+            table.locate(index);
+            (index, uri)
+        };
+        lost.into_iter().map(accept).collect()
     }
 }
 
 impl Table {
     fn locate(&mut self, named: u16) -> Option<u16> {
         let found = self.known.locate(named, &self.array);
-        if let Located::New(uri) = &found {
-            self.known.remember(named, uri.clone());
+        match &found {
+            Located::New(uri) => self.known.remember(named, uri.clone()),
+            Located::Same => self.known.is_seen(named),
+            _ => {}
         }
         let index = found.index(named);
         if named != 0 && self.found.insert(named, found.clone()) != Some(found) {
@@ -144,7 +148,7 @@ mod tests {
         later.connected(array(&["urn:lathe"]));
         assert_eq!(later.index(2), None, "remembered over a restart");
         let changes = later.changes();
-        assert_eq!(later.confirm(), [2]);
+        assert_eq!(later.confirm(), [(2, Some("urn:lathe".to_owned()))]);
         assert_eq!((later.index(2), later.known().uri(2)), (Some(2), Some("urn:lathe")));
         assert!(later.changes() > changes);
         table.connected(array(&["urn:mill"]));

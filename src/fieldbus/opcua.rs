@@ -38,7 +38,7 @@ use channel::{Link, Socket};
 use files::Files;
 use isotherm_profile::{Bus, Security};
 use session::Session;
-use status::dial_fault;
+use status::{call_fault, dial_fault};
 use wire::OpcUa;
 
 pub mod browse;
@@ -123,7 +123,8 @@ impl OpcUaDial {
             None => self.begin(files).await?,
         };
         let limits = known.session.limits(&mut link).await?;
-        known.session.read_namespaces(&mut link, &self.namespaces).await?;
+        let read = known.session.read_namespaces(&mut link, &self.namespaces).await;
+        read.map_err(|error| call_fault(&error))?;
         let wire = OpcUa::new(link, known.session.clone(), limits);
         self.known = Some(known);
         Ok(Connection::Other(Box::new(wire)))

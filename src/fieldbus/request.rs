@@ -57,6 +57,8 @@ pub enum NodeRequest<'a> {
     Read(&'a [Node]),
     /// What the server has sent of nodes that are subscribed to.
     Latest(&'a Subscription),
+    /// The namespaces of the server are read again.
+    Namespaces,
     /// The values of these are written, in one call.
     Write {
         /// Which.
@@ -164,6 +166,14 @@ impl Answer {
         }
     }
 
+    /// Returns whether it brings anything that was asked for: of nodes, at least one that is good.
+    pub fn is_of_use(&self) -> bool {
+        match self {
+            Answer::Nodes(nodes) => nodes.iter().any(|node| node.value.is_ok()),
+            Answer::Registers(_) | Answer::Bits(_) | Answer::Done => true,
+        }
+    }
+
     /// When this part of it was stamped.
     pub fn stamped(&self, field: &plan::Field) -> Stamped {
         self.node(field).map_or(Stamped::Unknown, |node| node.stamped)
@@ -253,13 +263,18 @@ impl<'a> Request<'a> {
         }
     }
 
+    /// The device answers it. A frame that is sent is only on the bus.
+    pub const fn is_answered(self) -> bool {
+        !matches!(self, Request::Can(CanRequest::Send { .. }))
+    }
+
     /// It changes nothing.
     pub const fn is_read(self) -> bool {
         matches!(
             self,
             Request::Read { .. }
                 | Request::Can(CanRequest::Read { .. })
-                | Request::Nodes(NodeRequest::Read(_) | NodeRequest::Latest(_))
+                | Request::Nodes(NodeRequest::Read(_) | NodeRequest::Latest(_) | NodeRequest::Namespaces)
                 | Request::Sensors(_)
         )
     }
@@ -282,7 +297,7 @@ impl<'a> Request<'a> {
                     nodes.iter().map(|node| usize::from(node.taken_as().registers())).sum();
                 return !nodes.is_empty() && registers == values.len();
             }
-            Request::Can(_) => return true,
+            Request::Can(_) | Request::Nodes(NodeRequest::Namespaces) => return true,
         };
         (1..=most).contains(&count) && u32::from(at) + u32::from(count) <= 65536
     }

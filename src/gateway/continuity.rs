@@ -49,12 +49,6 @@ impl Devices {
         self.namespaces[bus.0].clone()
     }
 
-    /// A person has confirmed a device of this server: the namespaces that cannot be told are taken as they are now. Returns their
-    /// indices.
-    pub(super) fn confirm_namespaces(&mut self, bus: BusId) -> Vec<u16> {
-        self.namespaces[bus.0].as_ref().map_or_else(Vec::new, NamespaceTable::confirm)
-    }
-
     pub(super) fn of(&self, device: DeviceId) -> &DeviceContinuity {
         &self.devices[device.0]
     }
@@ -83,6 +77,14 @@ impl Devices {
         let changed = states().find(|state| matches!(state, Continuity::Changed(_)));
         let unconfirmed = || states().find(|state| matches!(state, Continuity::Unconfirmed { .. }));
         changed.or_else(unconfirmed).unwrap_or(&Continuity::Confirmed)
+    }
+
+    /// Returns the first device of the axis whose checks have not been read since its last break, with the cause of the break.
+    pub(super) fn unconfirmed(&self, axis: usize) -> Option<(DeviceId, Break)> {
+        self.of_axis[axis].iter().find_map(|device| match self.of(*device).state() {
+            Continuity::Unconfirmed { cause, .. } => Some((*device, *cause)),
+            Continuity::Confirmed | Continuity::Changed(_) => None,
+        })
     }
 
     /// The checks of a device are read now: notes what its axes hold.

@@ -584,6 +584,7 @@ impl Core {
             decision: self.compensation.decision(axis)?,
             outputs: &self.outputs,
             contact: &self.contact,
+            devices: &self.devices,
             seen: self.board.seen(),
             has_run: self.compensation.machine().on_time(now).is_some(),
             stopping: self.runs_fault_actions(),

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
 use crate::fieldbus::line::DeviceLine;
-use crate::fieldbus::wire::{Answer, CanRequest, Request};
+use crate::fieldbus::wire::{Answer, CanRequest, NodeRequest, Request};
 use crate::gateway::can::Can;
 use crate::gateway::core::Core;
 use crate::gateway::line_handle::LineHandle;
@@ -41,6 +41,8 @@ const BUSY: u8 = 6;
 pub(super) struct Inspector {
     bus: BusId,
     inspections: Vec<Inspection>,
+    /// The line is an OPC UA server.
+    is_server: bool,
     namespaces: NamespaceWatch,
 }
 
@@ -52,12 +54,25 @@ struct Inspection {
     missed: (u32, Moment),
     /// Polls, or frames that the device sends, show whether it is present.
     is_heard: bool,
+    /// Something else than the checks is read of it.
+    is_polled: bool,
+    identified: Identified,
     /// Resets of the device before it was set up.
     set_up: Option<u64>,
     /// Breaks of its continuity when all checks were read last.
     read_after: u64,
     /// By check, in the order of the profile.
     again: Vec<Repetition>,
+}
+
+/// What identifies a device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Identified {
+    ByChecks,
+    /// Nothing but the namespaces of its server. `is_new`: it was not looked at since the task of its line began.
+    ByNamespaces {
+        is_new: bool,
+    },
 }
 
 /// When a check is read again while its device is confirmed.
@@ -88,7 +103,13 @@ impl Inspector {
         let checked = profile.devices_on(bus).filter(|(_, device)| is_server || device.is_checked());
         let stretch = checks::stretch(profile, bus);
         let inspection = |(id, device): (DeviceId, &Device)| {
-            let is_heard = device.can.is_some() || !profile.requests(id).is_empty();
+            let has_requests = !profile.requests(id).is_empty();
+            let is_heard = device.can.is_some() || has_requests;
+            let is_polled = has_requests || profile.signals_of(id).next().is_some();
+            let identified = match device.is_checked() {
+                true => Identified::ByChecks,
+                false => Identified::ByNamespaces { is_new: true },
+            };
             let repetition = |check: &Expected| {
                 let period = checks::period(check, stretch);
                 Repetition { period, due: start, has_passed: false, unread: (0, start) }
@@ -99,13 +120,15 @@ impl Inspector {
                 due: start,
                 missed: (0, start),
                 is_heard,
+                is_polled,
+                identified,
                 set_up: None,
                 read_after: 0,
                 again,
             }
         };
         let inspections = checked.map(inspection).collect();
-        Inspector { bus, inspections, namespaces: NamespaceWatch::default() }
+        Inspector { bus, inspections, is_server, namespaces: NamespaceWatch::default() }
     }
 
     pub(super) fn is_empty(&self) -> bool {
@@ -115,8 +138,19 @@ impl Inspector {
     /// Reads the checks that are due.
     pub(super) async fn inspect(&mut self, line: &mut DeviceLine, shared: &LineHandle, can: Option<&Can>) {
         self.look_at_namespaces(shared);
-        for inspection in &mut self.inspections {
-            let (id, now) = (inspection.device, shared.clock.now());
+        for place in 0..self.inspections.len() {
+            let (inspection, now) = (&mut self.inspections[place], shared.clock.now());
+            let id = inspection.device;
+            if let Identified::ByNamespaces { is_new } = &mut inspection.identified
+                && !self.namespaces.is_lost()
+            {
+                // The task of the line before this one may have found it changed.
+                if std::mem::take(is_new) && !shared.core().devices.is_confirmed(id) {
+                    let breaks = shared.core().devices.of(id).breaks_so_far();
+                    verified(shared, id, breaks, Vec::new());
+                }
+                continue;
+            }
             if line.is_resting(id, now) {
                 continue;
             }
@@ -132,14 +166,24 @@ impl Inspector {
             if !is_due || inspection.waits_for_polls(shared) {
                 continue;
             }
-            round_begins(shared, id);
+            if self.is_server && self.namespaces.is_lost() {
+                // The server may have loaded the namespace meanwhile.
+                (inspection.due, inspection.read_after) = (now.after(LOOK_AGAIN), breaks);
+                let again = Request::Nodes(NodeRequest::Namespaces);
+                if line.request_unverified(id, again).await.is_err() {
+                    continue;
+                }
+                self.look_at_namespaces(shared);
+            }
             let known = self.namespaces.differences(&shared.profile.path, &shared.profile.device(id).name);
+            let inspection = &mut self.inspections[place];
+            round_begins(shared, id);
             let found = inspection.read_all(line, shared, can, (breaks, known)).await;
             inspection.take_round(shared, found);
         }
     }
 
-    /// A device whose namespaces cannot be told has changed, and is looked at again when they can.
+    /// A device whose namespaces cannot be told has changed. When they can, its checks are read; without checks it is as expected.
     fn look_at_namespaces(&mut self, shared: &LineHandle) {
         let Some(table) = shared.core().devices.namespaces(self.bus) else { return };
         if !self.namespaces.look(shared.profile.bus(self.bus), &table, &mut shared.core()) {
@@ -149,8 +193,11 @@ impl Inspector {
             let id = inspection.device;
             inspection.due = shared.clock.now();
             let found = self.namespaces.differences(&shared.profile.path, &shared.profile.device(id).name);
-            let breaks = shared.core().devices.of(id).breaks_so_far();
-            if !found.is_empty() && shared.core().devices.is_confirmed(id) {
+            let (breaks, is_confirmed) = {
+                let core = shared.core();
+                (core.devices.of(id).breaks_so_far(), core.devices.is_confirmed(id))
+            };
+            if is_confirmed != found.is_empty() && (is_confirmed || !inspection.has_checks()) {
                 verified(shared, id, breaks, found);
             }
         }
@@ -158,6 +205,10 @@ impl Inspector {
 }
 
 impl Inspection {
+    fn has_checks(&self) -> bool {
+        self.identified == Identified::ByChecks
+    }
+
     /// Returns whether the device did not answer, and its polls are to find out first whether it is there at all.
     fn waits_for_polls(&self, shared: &LineHandle) -> bool {
         let core = shared.core();
@@ -165,8 +216,8 @@ impl Inspection {
         self.is_heard && self.missed.0 > 0 && lost.is_some_and(|lost| lost.answers_since.is_none())
     }
 
-    /// Reads the check of a confirmed device that is due first. Returns whether one was due. If it brings evidence of a
-    /// change, or no value in several attempts between which the device delivered something else, all checks are read.
+    /// Reads the check of a confirmed device that is due first. Returns whether one was due. If it brings another
+    /// value, or none in several attempts between which the device delivered something else, all checks are read.
     async fn read_again(
         &mut self,
         line: &mut DeviceLine,
@@ -177,7 +228,8 @@ impl Inspection {
         let due = (0..self.again.len()).filter(|place| self.again[*place].due <= now);
         let Some(place) = due.min_by_key(|place| self.again[*place].due) else { return false };
         let (attempts, last) = self.again[place].unread;
-        if attempts > 0 && shared.core().devices.of(self.device).delivered_at() <= last {
+        // While its polls are refused or not answered as well, it says nothing of this register.
+        if self.is_polled && attempts > 0 && shared.core().devices.of(self.device).delivered_at() <= last {
             self.again[place].due = now.after(ASK_AGAIN);
             return false;
         }
@@ -197,13 +249,14 @@ impl Inspection {
                 }
                 return true;
             }
-            Ok(Some(_)) => again.due = now.after(ASK_AGAIN),
+            Ok(Some(difference)) if difference.is_value() => again.due = now.after(ASK_AGAIN),
             // Answers to another master say nothing, nor does a connection that cannot be made.
             Err(fault) if fault.is_of_the_line() || fault == Fault::Peer(PeerFault::Foreign) => {
                 again.due = now.after(ASK_AGAIN);
                 return true;
             }
-            Err(_) => {
+            // A device that starts says for a while that it has no such register.
+            Ok(Some(_)) | Err(_) => {
                 again.unread = (attempts + 1, now);
                 again.due = now.after(ASK_AGAIN * (attempts + 1));
                 if again.unread.0 < ASSUMED_SILENT {
@@ -290,14 +343,18 @@ impl Inspection {
     fn is_in_vain(&mut self, fault: Fault, shared: &LineHandle) -> bool {
         let (attempts, last) = self.missed;
         let delivers = shared.core().devices.of(self.device).delivered_at() > last;
-        let attempts = match fault {
+        let now = shared.clock.now();
+        if fault.is_of_the_line() {
             // A connection that cannot be made says nothing of the register.
-            _ if fault.is_of_the_line() => attempts.max(1),
-            // Nor does a refusal while the polls are refused as well.
-            _ if fault.is_refusal() && self.is_heard && !delivers => attempts.max(1),
-            _ => attempts + 1,
+            self.missed = (attempts.clamp(1, ASSUMED_SILENT - 1), now);
+            return false;
+        }
+        // Nor does a refusal while the polls are refused as well.
+        let attempts = match fault.is_refusal() && self.is_polled && !delivers {
+            true => attempts.max(1),
+            false => attempts + 1,
         };
-        self.missed = (attempts, shared.clock.now());
+        self.missed = (attempts, now);
         let is_busy = fault.is_of_a_gateway() || matches!(fault, Fault::Exception(ACKNOWLEDGE | BUSY));
         let is_known = self.is_heard || (fault.is_refusal() && !is_busy);
         is_known && attempts >= ASSUMED_SILENT
@@ -415,9 +472,9 @@ fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Dif
     if core.devices.of(id).state() == &before {
         return;
     }
-    let found =
-        if before == Continuity::Confirmed { format!("its settings were changed: {found}") } else { found };
-    let why = Explained::new(format!("device {name}: {found}"), "arm it when the device is set right");
+    let is_of_settings = before == Continuity::Confirmed && is_evident;
+    let found = if is_of_settings { format!("its settings were changed: {found}") } else { found };
+    let why = Explained::new(format!("device {name}: {found}"), "arm it when that is set right");
     core.events.push(Event::NotAsExpected { device: name.clone(), found: found.into() });
     // After a break no reading has been used that came with these settings.
     if before == Continuity::Confirmed {

@@ -35,7 +35,10 @@ pub(super) struct Left {
 impl Left {
     pub(super) fn open(options: &Options, profile: &Profile, (journal, clock): (&Journal, &Clock)) -> Left {
         let Some(directory) = options.directory.as_deref() else {
-            return Left { places: Places::of(profile), ..Left::default() };
+            let remembered = options.remembered_in.as_deref();
+            let remembered = remembered.map(|directory| remembered_places(directory, profile));
+            let places = Places::of(profile).with_namespaces_of(remembered.unwrap_or_default());
+            return Left { places, ..Left::default() };
         };
         let (machine, now) = (&profile.name, clock.now());
         // Without threads there is no log.
@@ -63,6 +66,9 @@ impl Left {
             journal.report(now, &Event::NotBelieved { why });
             Recalled::default()
         });
+        if let Ok(Some(content)) = &mut opened.found {
+            name_as(profile, &recalled.places, &mut content.outputs);
+        }
         for (signal, moved) in &recalled.moved {
             let (signal, why) = (signal.clone(), why_forgotten(signal, moved));
             journal.report(now, &Event::ReferenceForgotten { signal, why });
@@ -100,7 +106,9 @@ impl Recalled {
                 Some(_) => Stop::default(),
             };
             match stop.by_the_clock {
-                Some(span) => self.values.values_mut().for_each(|last| last.age += span),
+                Some(span) => {
+                    self.values.values_mut().for_each(|last| last.age = last.age.saturating_add(span))
+                }
                 None => self.values.clear(),
             }
             self.remembered = std::mem::take(&mut self.remembered).going_on(at, now, stop);
@@ -136,6 +144,14 @@ pub(super) fn begin(core: &mut Core, (places, is_lost): (Places, bool), recalled
     core.events.extend(core.places.events());
 }
 
+/// Names the nodes of entries as this profile does.
+fn name_as(profile: &Profile, places: &Places, entries: &mut Entries) {
+    let now = Places::of(profile);
+    for (name, entry) in entries {
+        entry.place.iter_mut().for_each(|place| places.name_output(&now, name, place));
+    }
+}
+
 /// Outputs as a run left them.
 fn outputs(recalled: &Recalled, entries: &Entries) -> BTreeMap<String, KnownOutput> {
     let entries: BTreeMap<&String, &Entry> =
@@ -164,11 +180,18 @@ fn share_um(entry: &Entry, place: &OutputPlace) -> Option<f64> {
     Some(share * place.scale / if place.diameter { 2.0 } else { 1.0 })
 }
 
+/// Places that a gateway has remembered in its state directory. None if its state cannot be read.
+fn remembered_places(directory: &Path, profile: &Profile) -> Places {
+    let state = store::content(directory, &profile.name).and_then(|content| content.state);
+    Memory::recall(state, profile).unwrap_or_default().places
+}
+
 /// Changes of the profile since the last run of a machine that are not confirmed, a sentence each. A state that cannot be read says
 /// nothing.
 pub fn moved_since(directory: &Path, profile: &Profile) -> Vec<String> {
-    let Some(content) = store::content(directory, &profile.name) else { return Vec::new() };
-    let Ok(mut recalled) = Memory::recall(content.state, profile) else { return Vec::new() };
+    let Some(mut content) = store::content(directory, &profile.name) else { return Vec::new() };
+    let Ok(mut recalled) = Memory::recall(content.state.take(), profile) else { return Vec::new() };
+    name_as(profile, &recalled.places, &mut content.outputs);
     let left = outputs(&recalled, &content.outputs);
     let places = std::mem::take(&mut recalled.places).after(profile, &left, false);
     let signals = recalled.moved.iter().map(|(signal, moved)| why_forgotten(signal, moved));

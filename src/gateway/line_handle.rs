@@ -9,7 +9,7 @@ use super::shared::Shared;
 use super::signing;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::{Attribution, Witness};
-use crate::fieldbus::wire::{CanRequest, Request};
+use crate::fieldbus::wire::Request;
 use crate::observe::events::Event;
 use isotherm_core::continuity::Break;
 use isotherm_core::explained::Explained;
@@ -158,17 +158,19 @@ impl Witness for LineHandle {
                 devices.misses(device, now);
             }
             // Nobody answers a frame: that it was sent says nothing of the device.
-            Ok(()) if matches!(request, Request::Can(CanRequest::Send { .. })) => {}
+            Ok(()) if !request.is_answered() => {}
             _ => {
-                match outcome {
-                    Ok(()) => devices.delivers(device, now),
-                    Err(_) => devices.answers(device, now),
-                }
+                devices.answers(device, now);
                 if !contact.devices[device.0].is_here() {
                     contact.answers(device, now, events);
                 }
             }
         }
+    }
+
+    fn delivers(&self, device: DeviceId) {
+        let (now, mut core) = (self.clock.now(), self.core());
+        core.devices.delivers(device, now);
     }
 
     fn breaks(&self, device: Option<DeviceId>, cause: Break) {

@@ -6,9 +6,11 @@ use std::path::Path;
 use super::core::Core;
 use crate::fieldbus::namespaces::NamespaceTable;
 use crate::observe::events::Event;
+use isotherm_core::codec::{Address, Namespace, Node, NodeId};
 use isotherm_core::continuity::{Difference, Found};
+use isotherm_core::explained::Explained;
 use isotherm_core::namespaces::{KnownNamespaces, Located};
-use isotherm_profile::Bus;
+use isotherm_profile::{Bus, BusId, Output, Profile, Share};
 
 /// The namespaces of one server, as they were reported last.
 #[derive(Debug, Default)]
@@ -28,13 +30,16 @@ impl NamespaceWatch {
         if changes == self.seen {
             return false;
         }
-        let found = table.found();
-        (self.seen, self.known, self.array) = (changes, table.known(), table.array().to_vec());
+        let (found, known) = (table.found(), table.known());
+        // Another line may go to the same server, and knows better what it has learnt.
+        let indices = found.iter().map(|(index, _)| *index);
+        let learnt: Vec<u16> = indices.filter(|index| !known.agrees(*index, &self.known)).collect();
+        (self.seen, self.known, self.array) = (changes, known, table.array().to_vec());
         for one in found.iter().filter(|one| !self.found.contains(one)) {
             core.events.extend(self.event(bus, one));
         }
         self.found = found;
-        if core.places.remember_namespaces(&bus.address, &self.known) {
+        if core.places.remember_namespaces(&bus.address, &learnt, &self.known) {
             core.storage.remember_soon();
         }
         true
@@ -46,35 +51,96 @@ impl NamespaceWatch {
         match located {
             Located::New(_) => Some(Event::NamespaceRecorded { bus, index: *index, uri }),
             Located::Moved(to) => Some(Event::NamespaceMoved { bus, uri, from: *index, to: *to }),
-            Located::Unidentified | Located::Same | Located::Gone | Located::Ambiguous => None,
+            Located::Unidentified | Located::Same | Located::Gone | Located::Ambiguous | Located::Unclear => {
+                None
+            }
         }
+    }
+
+    /// Returns whether the namespace of some index cannot be told, so that no device of the server may be used.
+    pub(super) fn is_lost(&self) -> bool {
+        self.found.iter().any(|(index, located)| located.index(*index).is_none())
     }
 
     /// Returns why a device of the server may not be used: a difference for each index whose namespace cannot be told.
     pub(super) fn differences(&self, profile: &Path, device: &str) -> Vec<Difference> {
         let lost = self.found.iter().filter(|(index, located)| located.index(*index).is_none());
         let difference = |(index, located): &(u16, Located)| {
-            let uri = self.known.uri(*index).unwrap_or_default();
-            let is_now = match self.array.get(usize::from(*index)) {
-                Some(now) if now == uri => String::new(),
-                Some(now) => format!(", ns={index} is {now} now"),
-                None => format!(", it has no ns={index} now"),
-            };
+            let was = self.known.uri(*index).unwrap_or_default();
+            let now = self.array.get(usize::from(*index)).filter(|uri| !uri.is_empty());
+            let is = now.map_or("nothing".to_owned(), Clone::clone);
             let found = match located {
-                Located::Ambiguous => format!("the server has namespace {uri} (ns={index}) more than once"),
-                _ => format!("the server does not have namespace {uri} (ns={index}) any more{is_now}"),
+                Located::Ambiguous => format!("the server has namespace {was} (ns={index}) more than once"),
+                Located::Unclear => format!(
+                    "nodes of ns={index} were added to the profile; it was {was}, which is elsewhere now, and is {is}"
+                ),
+                _ => format!(
+                    "the server does not have namespace {was} (ns={index}) any more; ns={index} is {is}"
+                ),
             };
+            let meant = format!("write the namespace that is meant as nsu=...; in place of ns={index};");
+            let confirmed = now.map_or(String::new(), |now| {
+                format!(", or, if ns={index} is to be {now}, isotherm confirm {} {device}", profile.display())
+            });
             Difference {
                 what: format!("ns={index}"),
-                was: uri.to_owned(),
+                was: was.to_owned(),
                 is: Found::Described(found),
                 meaning: String::new(),
-                remedy: format!(
-                    "is it the right server? If it is, isotherm confirm {} {device}",
-                    profile.display()
-                ),
+                remedy: meant + &confirmed,
             }
         };
         lost.map(difference).collect()
     }
+}
+
+/// A person has confirmed a device of this server: the namespaces that cannot be told are taken as the server has them now. Returns
+/// what is to be said of it, or `None` if all of them can be told.
+///
+/// # Errors
+/// A register there is shared with an operator: its account is that of another namespace.
+pub(super) fn confirm_namespaces(
+    profile: &Profile,
+    bus: BusId,
+    core: &mut Core,
+) -> Result<Option<String>, Explained> {
+    let Some(table) = core.devices.namespaces(bus) else { return Ok(None) };
+    let found = table.found().into_iter();
+    let lost: Vec<u16> =
+        found.filter(|(index, located)| located.index(*index).is_none()).map(|(index, _)| index).collect();
+    if lost.is_empty() {
+        return Ok(None);
+    }
+    let array = table.array();
+    let has = |index: &u16| array.get(usize::from(*index)).is_some_and(|uri| !uri.is_empty());
+    if let Some(index) = lost.iter().find(|index| !has(index)) {
+        return Err(Explained::new(
+            format!("the server has no namespace at ns={index} now"),
+            "wait until the server has loaded it, or write the namespace that is meant as nsu=... and restart",
+        ));
+    }
+    let is_named = |output: &Output| match &output.address {
+        Address::Node(Node { id: NodeId { namespace: Namespace::Index(index), .. }, .. }) => {
+            lost.contains(index)
+        }
+        _ => false,
+    };
+    let is_concerned = |output: &&Output| {
+        profile.device(output.device).bus == bus && output.share == Share::Ledger && is_named(output)
+    };
+    if let Some(output) = profile.outputs.iter().find(is_concerned) {
+        return Err(Explained::new(
+            format!(
+                "output {} shares its register with an operator, and its account is that of the former namespace",
+                output.name
+            ),
+            "write the namespace that is meant as nsu=... in the profile, and restart",
+        ));
+    }
+    let says = |(index, uri): &(u16, Option<String>)| match uri {
+        Some(uri) => format!("ns={index} is {uri}"),
+        None => format!("ns={index} is used without a URI"),
+    };
+    let accepted: Vec<String> = table.confirm().iter().map(says).collect();
+    Ok(Some(format!("{} from now on", accepted.join(", "))))
 }

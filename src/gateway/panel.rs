@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use super::arming::{ArmRequest, BY_A_PERSON};
 use super::core::Core;
+use super::namespaces::confirm_namespaces;
 use super::probing::{Missed, acting, why_refused};
 use super::rates::{About, Now};
 use super::shared::Shared;
@@ -427,13 +428,8 @@ impl CommandHandle {
                 );
             };
             if let Some(found) = core.devices.changed(DeviceId(place)) {
-                let accepted = core.devices.confirm_namespaces(profile.devices[place].bus);
-                if !accepted.is_empty() {
-                    let indices: Vec<String> = accepted.iter().map(|index| format!("ns={index}")).collect();
-                    let indices = indices.join(", ");
-                    return Ok(Answer::Done(format!(
-                        "{device}: confirmed; the server's {indices} are accepted"
-                    )));
+                if let Some(accepted) = confirm_namespaces(profile, profile.devices[place].bus, core)? {
+                    return Ok(Answer::Done(format!("{device}: confirmed; {accepted}")));
                 }
                 let hint = "set it so at the device, or correct `verify` in the profile";
                 return Err(Explained::new(format!("its checks do not pass: {found}"), hint));

@@ -10,7 +10,7 @@ use crate::observe::events::Event;
 use isotherm_core::codec::{Encoding, Namespace, NodeId};
 use isotherm_core::explained::Explained;
 use isotherm_core::namespaces::KnownNamespaces;
-use isotherm_core::place::{self, Former, Found, KnownOutput, Moved, OutputPlace, Owner, SignalPlace};
+use isotherm_core::place::{self, Former, Found, KnownOutput, Moved, OutputPlace, Owner, Place, SignalPlace};
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{AxisId, DeviceId, Output, OutputId, Profile, Share, Signal, Writes};
 
@@ -91,6 +91,25 @@ fn by_uri(address: &str, known: &KnownNamespaces) -> Option<NodeId> {
     Some(node)
 }
 
+/// Index by which an address names its namespace.
+fn index_of(address: &str) -> Option<u16> {
+    let node: NodeId = address.strip_prefix("node ")?.parse().ok()?;
+    match node.namespace {
+        Namespace::Index(index) => Some(index),
+        Namespace::Uri(_) => None,
+    }
+}
+
+/// Names that have another name at the same place, each with the new one.
+fn new_names<P: Place>(before: &BTreeMap<String, P>, now: &BTreeMap<String, P>) -> BTreeMap<String, String> {
+    let found = place::compare(before, now).into_iter();
+    let renamed = found.filter_map(|(name, found)| match found {
+        Found::Renamed(former) => Some((former, name)),
+        Found::Same | Found::Moved(_) | Found::Unknown | Found::Removed => None,
+    });
+    renamed.collect()
+}
+
 /// Type and order of the bytes.
 fn layout(encoding: &Encoding) -> String {
     let name = encoding.data_type.name();
@@ -111,18 +130,51 @@ impl Places {
 
     /// The same, with each node named as in this profile if both names mean the same node: `ns=2;s=offset` and `nsu=urn:mill;s=offset`.
     pub(super) fn named_as(mut self, now: &Places) -> Places {
-        let known = std::mem::take(&mut self.namespaces);
-        let rename = |bus: &str, address: &mut String| {
-            let Some(known) = known.get(bus) else { return };
-            let (was, here) = (by_uri(address, known), now.addresses(bus));
-            if let Some(is) = here.into_iter().find(|is| was.is_some() && by_uri(is, known) == was) {
-                is.clone_into(address);
-            }
-        };
-        let former = self.former.iter_mut().map(|former| &mut former.place);
-        self.outputs.values_mut().chain(former).for_each(|place| rename(&place.bus, &mut place.address));
-        self.signals.values_mut().for_each(|place| rename(&place.bus, &mut place.address));
-        Places { namespaces: known, ..self }
+        let known = Places { namespaces: self.namespaces.clone(), ..Places::default() };
+        if known.namespaces.is_empty() {
+            return self;
+        }
+        let mut namespaces = std::mem::take(&mut self.namespaces);
+        for (bus, known) in &mut namespaces {
+            // A node that was added may be meant as the server has it now, and not as it had it.
+            let (before, after) = (self.addresses(bus), now.addresses(bus));
+            known.doubt_unless(|index| {
+                let is_at = |address: &&&str| index_of(address) == Some(index);
+                after.iter().filter(is_at).all(|address| before.contains(address))
+            });
+        }
+        self.namespaces = namespaces;
+        self.outputs.iter_mut().for_each(|(name, place)| known.name_output(now, name, place));
+        for Former { output, place, .. } in &mut self.former {
+            known.name_output(now, output, place);
+        }
+        for (name, place) in &mut self.signals {
+            let same_name = now.signals.get(name).map(|place| place.address.as_str());
+            known.name_node(now, same_name, &place.bus, &mut place.address);
+        }
+        self
+    }
+
+    /// The same with what others remember of the namespaces of servers.
+    pub(super) fn with_namespaces_of(self, others: Places) -> Places {
+        Places { namespaces: others.namespaces, ..self }
+    }
+
+    /// Names the node of an output as this profile does if both names mean the same node.
+    pub(super) fn name_output(&self, now: &Places, name: &str, place: &mut OutputPlace) {
+        let same_name = now.outputs.get(name).map(|place| place.address.as_str());
+        self.name_node(now, same_name, &place.bus, &mut place.address);
+    }
+
+    /// The same for one address. What has the same name in the profile comes first: one node can be named in two ways.
+    fn name_node(&self, now: &Places, same_name: Option<&str>, bus: &str, address: &mut String) {
+        let Some(known) = self.namespaces.get(bus) else { return };
+        let Some(was) = by_uri(address, known) else { return };
+        let is_same = |is: &&str| by_uri(is, known).as_ref() == Some(&was);
+        let others = || now.addresses(bus).into_iter();
+        if let Some(is) = same_name.into_iter().chain(others()).find(is_same) {
+            is.clone_into(address);
+        }
     }
 
     /// Addresses on a bus.
@@ -144,12 +196,12 @@ impl Places {
 
     /// Names of outputs that have another name at the same place in this profile, each with the new one.
     pub(super) fn new_names(&self, now: &Places) -> BTreeMap<String, String> {
-        let found = place::compare(&self.outputs, &now.outputs).into_iter();
-        let renamed = found.filter_map(|(name, found)| match found {
-            Found::Renamed(former) => Some((former, name)),
-            Found::Same | Found::Moved(_) | Found::Unknown | Found::Removed => None,
-        });
-        renamed.collect()
+        new_names(&self.outputs, &now.outputs)
+    }
+
+    /// Names of signals that have another name at the same place in this profile, each with the new one.
+    pub(super) fn new_names_of_signals(&self, now: &Places) -> BTreeMap<String, String> {
+        new_names(&self.signals, &now.signals)
     }
 
     /// The same with these new names of outputs.
@@ -184,7 +236,7 @@ impl Places {
         };
         let only_read = now.outputs.keys().filter(|name| is_only_read(name)).cloned().collect();
         let mut namespaces = self.namespaces;
-        namespaces.retain(|bus, _| !now.addresses(bus).is_empty());
+        namespaces.retain(|address, _| profile.buses.iter().any(|bus| bus.address == *address));
         let former = Former::after(self.former, left, &now.outputs);
         Places { former, only_read, namespaces, ..now }
     }
@@ -281,12 +333,19 @@ impl Moves {
         self.places.namespaces.get(bus).cloned().unwrap_or_default()
     }
 
-    /// Remembers the namespaces of the server with this address. Returns whether that is news.
-    pub(super) fn remember_namespaces(&mut self, bus: &str, known: &KnownNamespaces) -> bool {
-        if known.is_empty() || self.places.namespaces.get(bus) == Some(known) {
+    /// Remembers what is known of these indices of the server with this address. Returns whether that is news.
+    pub(super) fn remember_namespaces(
+        &mut self,
+        bus: &str,
+        indices: &[u16],
+        known: &KnownNamespaces,
+    ) -> bool {
+        let mut all = self.namespaces(bus);
+        indices.iter().for_each(|index| all.take(*index, known));
+        if all == self.namespaces(bus) {
             return false;
         }
-        Arc::make_mut(&mut self.places).namespaces.insert(bus.to_owned(), known.clone());
+        Arc::make_mut(&mut self.places).namespaces.insert(bus.to_owned(), all);
         true
     }
 

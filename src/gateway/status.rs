@@ -7,6 +7,7 @@ use std::time::Duration;
 use super::arming::Arming;
 use super::board::Latest;
 use super::contact::{Contact, JITTER_MS};
+use super::continuity::Devices;
 use super::extrapolation;
 use super::lock::LockTimes;
 use super::output::Outputs;
@@ -44,8 +45,7 @@ struct Picture {
     /// The readings as they look at this moment.
     seen: Vec<Reading>,
     contact: Contact,
-    /// By device: what is wrong with how it is set.
-    wrong: Vec<Option<String>>,
+    devices: Devices,
     log_dropped: u64,
     lock_times: LockTimes,
 }
@@ -70,9 +70,7 @@ impl Picture {
             latest: core.board.latest().clone(),
             seen: Vec::new(),
             contact: core.contact.clone(),
-            wrong: (0..shared.profile.devices.len())
-                .map(|device| core.devices.changed(DeviceId(device)))
-                .collect(),
+            devices: core.devices.clone(),
             log_dropped: core.storage.dropped(),
             lock_times: core.lock_times,
         };
@@ -94,6 +92,7 @@ impl Picture {
             decision: &self.decisions[axis],
             outputs: &self.outputs,
             contact: &self.contact,
+            devices: &self.devices,
             seen: &self.seen,
             has_run: self.machine_on.is_some(),
             stopping: self.runs_fault_actions,
@@ -304,7 +303,7 @@ fn devices(shared: &Shared, picture: &Picture) -> Vec<DeviceStatus> {
             state: match (&count.lost, count.answered) {
                 (Some(lost), _) if lost.answers_since.is_none() => "lost",
                 (_, false) => "never-answered",
-                (_, true) if picture.wrong[place].is_some() => "not-as-expected",
+                (_, true) if picture.devices.changed(DeviceId(place)).is_some() => "not-as-expected",
                 (_, true) => "ok",
             },
             fault: count
@@ -312,7 +311,7 @@ fn devices(shared: &Shared, picture: &Picture) -> Vec<DeviceStatus> {
                 .as_ref()
                 .filter(|lost| lost.answers_since.is_none())
                 .map(|lost| lost.fault.to_string())
-                .or_else(|| picture.wrong[place].clone())
+                .or_else(|| picture.devices.changed(DeviceId(place)))
                 .unwrap_or_default(),
             requests: count.requests,
             failures: count.failures.clone(),

@@ -9,6 +9,7 @@ use isotherm_profile::{Arm, Output, Profile};
 
 use super::arming::{Arming, has_its_reference};
 use super::contact::Contact;
+use super::continuity::Devices;
 use super::output::{Outputs, Standing};
 use super::{extrapolation, stand_in};
 
@@ -28,6 +29,7 @@ pub(super) struct Reasons<'a> {
     pub(super) decision: &'a Decision,
     pub(super) outputs: &'a Outputs,
     pub(super) contact: &'a Contact,
+    pub(super) devices: &'a Devices,
     /// The readings as they were last looked at.
     pub(super) seen: &'a [Reading],
     /// The machine has been seen running.
@@ -111,9 +113,13 @@ impl Reasons<'_> {
             (Permit::Off, None, None) if profile.arm == Arm::Manual && arming.asked.is_none() => {
                 "nobody has armed it yet".into()
             }
-            (Permit::Off, None, None) if arming.asked.is_some() => {
-                "its devices have not all been looked at yet".into()
-            }
+            (Permit::Off, None, None) if arming.asked.is_some() => match self.devices.unconfirmed(axis) {
+                Some((device, cause)) => {
+                    let name = &profile.device(device).name;
+                    format!("the checks of device {name} have not been read yet: {cause}").into()
+                }
+                None => "its devices have not all been read yet".into(),
+            },
             _ => match (&decision.extrapolating, &decision.stood_in) {
                 (Some(found), _) if !decision.state.is_following() => extrapolation::cause(profile, found),
                 (_, Some(found)) => stand_in::explained(profile, found),

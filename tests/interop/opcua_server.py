@@ -21,6 +21,7 @@ subscriptions        prints how many there are
 reads                prints how often nodes of these were read by a call
 read NAME            prints what the node holds
 other NAME           prints what the node of this name holds in the first namespace of another machine
+load                 the namespace of the machine is in the server's list from now on
 taken                prints how many logins there are, and how many lists of nodes are kept for whoever asks on
 
 Each is acknowledged with a line. Every tenth of a second each value is stamped anew, as a control does that measures."""
@@ -59,6 +60,7 @@ parser.add_argument("--interval", type=float, default=0, help="subscriptions sen
 parser.add_argument("--before", type=int, default=0, help="so many namespaces of other machines come first, with nodes of the same names")
 parser.add_argument("--twice", action="store_true", help="the namespace of the machine is there twice")
 parser.add_argument("--uri", default="urn:test", help="the URI of the machine's namespace")
+parser.add_argument("--late", action="store_true", help="the namespace of the machine is in the server's list only after `load`")
 arguments = parser.parse_args()
 
 journal = open(arguments.journal, "a", buffering=1) if arguments.journal else None
@@ -152,9 +154,12 @@ async def main():
             await node.set_writable()
             others[place][name] = node
     space = await server.register_namespace(arguments.uri)
+    array = server.get_node(ua.ObjectIds.Server_NamespaceArray)
+    uris = await array.read_value()
+    if arguments.late:
+        await array.write_value(uris[:-1])
     if arguments.twice:
-        array = server.get_node(ua.ObjectIds.Server_NamespaceArray)
-        await array.write_value([*await array.read_value(), "urn:test"])
+        await array.write_value([*uris, arguments.uri])
     nodes, held, status, late = {}, {}, {}, {}
     for name, (value, kind) in NODES.items():
         node = await server.nodes.objects.add_variable(ua.NodeId(name, space), name, value, kind)
@@ -394,6 +399,8 @@ async def main():
                     answer = str(len(server.iserver._external_sessions))
                 case ["other", name]:
                     answer = str(await others[0][name].read_value())
+                case ["load"]:
+                    await array.write_value(uris)
                 case ["read", name]:
                     answer = str(held[name].Value)
                 case _:

@@ -223,6 +223,11 @@ impl DeviceContinuity {
 }
 
 impl Difference {
+    /// Returns whether another value was read.
+    pub fn is_value(&self) -> bool {
+        matches!(self.is, Found::Value(_))
+    }
+
     /// Returns whether it shows that the device is another one or set otherwise: it brought another value, or the device says that
     /// it has no such register.
     pub fn is_evidence(&self) -> bool {

@@ -26,7 +26,7 @@ pub(super) struct Unit {
     pub(super) quirks: Quirks,
     pub(super) breaker: Backoff,
     pub(super) last_fault: Fault,
-    /// Whether the unit has checks that must pass before it is used.
+    /// Whether the unit has checks that must pass before it is used. The nodes of a server are identified by their namespaces.
     pub(super) is_checked: bool,
     /// A late answer of the unit may name the transaction of another question: a gateway to a serial line is in front of it.
     pub(super) is_behind_gateway: bool,
@@ -52,7 +52,7 @@ impl Units {
             quirks: device.quirks,
             breaker: Backoff::new(FIRST_PAUSE, seed(&device.name)),
             last_fault: Fault::Link(LinkFault::Down),
-            is_checked: device.is_checked(),
+            is_checked: device.is_checked() || transport == Transport::OpcUa,
             is_behind_gateway: device.quirks.gateway.is_present(transport, numbers()),
             heard: Moment::default(),
         };

@@ -19,6 +19,9 @@ pub trait Witness: Send + Sync {
         refusals: (u32, Fault),
     );
 
+    /// The device has answered with what was asked for, and not with a refusal of all of it.
+    fn delivers(&self, _device: DeviceId) {}
+
     /// Contact with a device, or with each on the line (`None`), was broken: another one may answer next.
     fn breaks(&self, _device: Option<DeviceId>, _cause: Break) {}
 

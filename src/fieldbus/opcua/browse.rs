@@ -133,7 +133,8 @@ impl Browser {
         files.own_is_valid().map_err(fault)?;
         let (mut link, known) = dial.begin(files).await?;
         let limits = known.session.limits(&mut link).await?;
-        known.session.read_namespaces(&mut link, &dial.namespaces).await?;
+        let read = known.session.read_namespaces(&mut link, &dial.namespaces).await;
+        read.map_err(|error| call_fault(&error))?;
         let (session, timeout) = (known.session, bus.timeout.max(Duration::from_secs(1)));
         Ok(Browser { link, session, timeout, most: limits.read.min(AT_ONCE) })
     }

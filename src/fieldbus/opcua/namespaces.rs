@@ -44,6 +44,11 @@ impl Namespaces {
         places.next().is_none().then_some(first)
     }
 
+    /// Where those are that the profile names by index.
+    pub(super) fn table(&self) -> NamespaceTable {
+        self.table.clone()
+    }
+
     /// URI of an index.
     pub(super) fn uri(&self, index: u16) -> Option<&str> {
         self.uris.get(usize::from(index)).map(String::as_str).filter(|uri| !uri.is_empty())

@@ -257,10 +257,9 @@ impl Session {
     }
 
     /// Asks the server for its namespaces. The table learns them.
-    pub(super) async fn read_namespaces(&self, link: &mut Link, table: &NamespaceTable) -> Result<(), Fault> {
+    pub(super) async fn read_namespaces(&self, link: &mut Link, table: &NamespaceTable) -> Result<(), Error> {
         let array = self.value(link, VariableId::Server_NamespaceArray).await;
-        let array = array.map_err(|error| call_fault(&error))?;
-        let namespaces = Namespaces::of(array.as_ref(), table);
+        let namespaces = Namespaces::of(array?.as_ref(), table);
         if let Some(held) = self.lock().as_mut() {
             held.namespaces = namespaces;
         }

@@ -28,6 +28,7 @@ use isotherm_profile::plan::Subscription;
 use super::channel::Link;
 use super::session::{Session, header, refused, value_of};
 use super::value::{reading, since};
+use crate::fieldbus::namespaces::NamespaceTable;
 use crate::fieldbus::wire::{NodeReading, Stamped};
 
 /// So many nodes are subscribed to in one call at most: a request stays as small as any server takes it.
@@ -53,6 +54,8 @@ pub(super) struct Subscribed {
     made: Moment,
     /// The server does not have all of its nodes.
     pub(super) lacks: bool,
+    /// Namespaces by which its nodes were found, and how often that had changed.
+    namespaces: (NamespaceTable, u64),
     /// A server that sends nothing for longer breaks its word.
     pub(super) patience: Duration,
     /// How old a value may be that it says has not changed.
@@ -152,6 +155,8 @@ pub(super) async fn subscribe(
         values.push(id.is_none().then(|| without_value(StatusCode::BadNodeIdUnknown)));
         known.extend(id.map(|id| (place, id)));
     }
+    // To find an index for the first time is a change.
+    let changes = namespaces.table().changes();
     for some in known.chunks(most.clamp(1, AT_ONCE)) {
         let items = some.iter().map(|(place, id)| item(id.clone(), *place, asked));
         let items: Option<Vec<_>> = items.collect();
@@ -187,6 +192,7 @@ pub(super) async fn subscribe(
     let subscribed = Subscribed {
         id: made.subscription_id,
         lacks: values.iter().any(Option::is_some),
+        namespaces: (namespaces.table(), changes),
         values,
         next: None,
         confirmed: None,
@@ -295,9 +301,10 @@ impl Subscribed {
         now.since(self.heard) > self.patience
     }
 
-    /// The server did not have a node a while ago, and may have it by now.
+    /// The server did not have a node a while ago, and may have it by now; or a namespace is found elsewhere.
     pub(super) fn is_to_be_made_anew(&self, now: Moment) -> bool {
-        self.lacks && now.since(self.made) >= AGAIN
+        let (table, changes) = &self.namespaces;
+        table.changes() != *changes || self.lacks && now.since(self.made) >= AGAIN
     }
 
     /// How everything stands; `None` until that is known of each node.
@@ -355,6 +362,7 @@ mod tests {
             heard: at(0),
             made: at(0),
             lacks: false,
+            namespaces: (NamespaceTable::default(), 0),
             patience: SECOND * 3,
             sampling: SECOND,
             received: Vec::new(),

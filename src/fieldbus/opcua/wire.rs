@@ -45,6 +45,12 @@ impl OpcUa {
         match request {
             NodeRequest::Read(nodes) => self.read(nodes, departure).await,
             NodeRequest::Latest(asked) => self.latest(asked, departure).await,
+            NodeRequest::Namespaces => {
+                departure.leave()?;
+                let table = self.session.namespaces().table();
+                let read = self.session.read_namespaces(&mut self.link, &table).await;
+                read.map(|()| Answer::Done).map_err(|error| self.failed(&error))
+            }
             NodeRequest::Write { nodes, values } => self.write(nodes, values, departure).await,
         }
     }

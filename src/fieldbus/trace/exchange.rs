@@ -80,6 +80,7 @@ pub(super) fn asked(request: Request<'_>) -> String {
         Request::Sensors(sensors) => format!("read{}", listed(sensors)),
         Request::Nodes(NodeRequest::Read(nodes)) => format!("read{}", listed(nodes)),
         Request::Nodes(NodeRequest::Latest(sent)) => format!("latest{}", listed(&sent.nodes)),
+        Request::Nodes(NodeRequest::Namespaces) => "namespaces".to_owned(),
         Request::Nodes(NodeRequest::Write { nodes, values }) => {
             format!("write{} ={}", listed(nodes), listed(values))
         }

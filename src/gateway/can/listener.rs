@@ -296,7 +296,7 @@ impl CanListener {
         let mut core = self.shared.core();
         let now = self.shared.clock.now();
         let Core { contact, devices, events, .. } = &mut *core;
-        devices.delivers(device, now);
+        devices.answers(device, now);
         contact.answers(device, now, events);
     }
 
@@ -394,7 +394,8 @@ impl CanListener {
             self.nodes.heard(route.device, now);
             let Some(read) = route.field.read(frame.data()) else { continue };
             let encoding = &self.shared.profile.signal(route.signal).encoding;
-            let value = match read.and_then(|read| encoding.decode(read.registers())) {
+            let decoded = read.and_then(|read| encoding.decode(read.registers()));
+            let value = match decoded {
                 _ if self.nodes.is_lost(route.device) => Err(Reason::Timeout),
                 Ok(_) if !core.devices.is_confirmed(route.device) => Err(Reason::NotAsExpected),
                 value => value,
@@ -405,7 +406,10 @@ impl CanListener {
                 core.board.store(route.signal, value, now, breaks);
             }
             let Core { contact, devices, events, .. } = &mut **core;
-            devices.delivers(route.device, now);
+            match decoded {
+                Ok(_) => devices.delivers(route.device, now),
+                Err(_) => devices.answers(route.device, now),
+            }
             contact.answers(route.device, self.shared.clock.now(), events);
         }
         drop(core);

@@ -5,6 +5,7 @@ use isotherm_core::codec::{
     Address, BitField, BitKind, ByteOrder, CanId, CanMatch, DataType, Field, Node, Object, Scale, Selector,
     WordOrder,
 };
+use isotherm_core::namespaces::Located;
 
 fn grinder() -> Profile {
     let text = include_str!("../../../profiles/surface-grinder.toml");
@@ -81,53 +82,80 @@ fn a_moved_output_bars_its_axis_until_a_person_confirms_and_its_first_read_is_re
     assert!(!moves.is_in_doubt(&name) && moves.barred(&after).is_empty());
 }
 
+const SERVER: &str = r#"
+    [machine]
+    name = "mill"
+    [bus.control]
+    type = "opcua"
+    address = "opc.tcp://127.0.0.1:4840"
+    security = "none"
+    [device.cnc]
+    bus = "control"
+    [signal.bed]
+    device = "cnc"
+    node = "ns=2;s=bed"
+    unit = "degC"
+    [axis.z]
+    limit = 40.0
+    step = 1.0
+    rate = 1.0
+    every = "1s"
+    on_fault = { action = "hold" }
+    [[axis.z.model]]
+    name = "bed"
+    kind = "linear"
+    terms = [{ signal = "bed", gain = 1.0, reference = 20.0 }]
+    [output.offset]
+    axis = "z"
+    device = "cnc"
+    writes = "offset"
+    node = "ns=2;s=offset"
+    type = "i32"
+    scale = 0.1
+"#;
+
+fn of(text: &str) -> Profile {
+    isotherm_profile::parse(Path::new("mill.toml"), text, &[], &[]).unwrap().profile
+}
+
 #[test]
 fn a_node_that_is_named_by_its_uri_instead_of_its_index_is_the_same_place() {
-    const PROFILE: &str = r#"
-        [machine]
-        name = "mill"
-        [bus.control]
-        type = "opcua"
-        address = "opc.tcp://127.0.0.1:4840"
-        security = "none"
-        [device.cnc]
-        bus = "control"
-        [signal.bed]
-        device = "cnc"
-        node = "ns=2;s=bed"
-        unit = "degC"
-        [axis.z]
-        limit = 40.0
-        step = 1.0
-        rate = 1.0
-        every = "1s"
-        on_fault = { action = "hold" }
-        [[axis.z.model]]
-        name = "bed"
-        kind = "linear"
-        terms = [{ signal = "bed", gain = 1.0, reference = 20.0 }]
-        [output.offset]
-        axis = "z"
-        device = "cnc"
-        writes = "offset"
-        node = "ns=2;s=offset"
-        type = "i32"
-        scale = 0.1
-    "#;
-    let profile =
-        |text: &str| isotherm_profile::parse(Path::new("mill.toml"), text, &[], &[]).unwrap().profile;
-    let (by_index, by_uri) = (profile(PROFILE), profile(&PROFILE.replace("ns=2;", "nsu=urn:mill;")));
+    let (by_index, by_uri) = (of(SERVER), of(&SERVER.replace("ns=2;", "nsu=urn:mill;")));
     for (uri, moved) in [(None, 1), (Some("urn:lathe"), 1), (Some("urn:mill"), 0)] {
         let mut known = KnownNamespaces::default();
         uri.into_iter().for_each(|uri| known.remember(2, uri.to_owned()));
         for (before, after) in [(&by_index, &by_uri), (&by_uri, &by_index)] {
             let mut moves = Moves::new(Places::of(before), before);
-            moves.remember_namespaces("opc.tcp://127.0.0.1:4840", &known);
+            moves.remember_namespaces("opc.tcp://127.0.0.1:4840", &[2], &known);
             let places = Places::clone(&moves.places).named_as(&Places::of(after));
             assert_eq!(places.moved_signals(&Places::of(after)).len(), moved, "{uri:?}");
             let found = place::compare(&places.outputs, &Places::of(after).outputs);
             assert_eq!(found["offset"] == Found::Same, moved == 0, "{uri:?}");
+            let mut entry = Places::of(before).outputs["offset"].clone();
+            places.name_output(&Places::of(after), "offset", &mut entry);
+            assert_eq!(entry == Places::of(after).outputs["offset"], moved == 0, "its account, {uri:?}");
         }
+    }
+}
+
+/// A node that was added may be meant as the server has its namespaces now. If they have changed places, nobody can tell.
+#[test]
+fn an_index_under_which_a_node_was_added_is_unclear_where_its_namespace_has_moved() {
+    let address = "opc.tcp://127.0.0.1:4840";
+    let added = SERVER.replace("s=bed", "s=coolant");
+    let with_uri = SERVER.replace("ns=2;", "nsu=urn:mill;");
+    let array = ["ua", "urn:server", "urn:lathe", "urn:mill"].map(str::to_owned);
+    for (before, after, is_clear) in
+        [(SERVER, SERVER, true), (SERVER, &added, false), (&with_uri, SERVER, false)]
+    {
+        let mut known = KnownNamespaces::default();
+        known.remember(2, "urn:mill".to_owned());
+        let mut moves = Moves::new(Places::of(&of(before)), &of(before));
+        moves.remember_namespaces(address, &[2], &known);
+        let places = Places::clone(&moves.places).named_as(&Places::of(&of(after)));
+        let known = Moves::new(places, &of(after)).namespaces(address);
+        let expected = if is_clear { Located::Moved(3) } else { Located::Unclear };
+        assert_eq!(known.locate(2, &array), expected, "{before} {after}");
     }
 }
 

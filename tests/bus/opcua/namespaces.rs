@@ -152,11 +152,12 @@ fn a_namespace_that_is_named_by_its_index_is_found_at_another_index_also_by_the_
 
 #[test]
 fn a_namespace_that_is_gone_or_there_twice_is_used_only_after_a_person_has_confirmed() {
-    for (arguments, words) in [
-        (&["--twice"][..], "the server has namespace urn:test (ns=2) more than once"),
+    for (arguments, words, uri) in [
+        (&["--twice"][..], "the server has namespace urn:test (ns=2) more than once: write", "urn:test"),
         (
             &["--uri", "urn:mill"],
-            "the server does not have namespace urn:test (ns=2) any more, ns=2 is urn:mill now",
+            "the server does not have namespace urn:test (ns=2) any more; ns=2 is urn:mill: write",
+            "urn:mill",
         ),
     ] {
         let directory = tempfile::tempdir().unwrap();
@@ -173,9 +174,45 @@ fn a_namespace_that_is_gone_or_there_twice_is_used_only_after_a_person_has_confi
             assert_eq!(server.does("read offset"), "0", "nothing is written");
             let person = Arc::new(Asker::new(Way::Socket, "maria"));
             let said = source.confirm("cnc", &person).map(|answer| answer.text().to_owned());
-            assert_eq!(said, Ok("cnc: confirmed; the server's ns=2 are accepted".to_owned()));
+            assert_eq!(said, Ok(format!("cnc: confirmed; ns=2 is {uri} from now on")));
             wait_until(source, "it is read again", |status| bed(status) == "good");
             assert_eq!(reported(&source.status(), "as-expected"), 1);
         });
     }
+}
+
+#[test]
+fn a_namespace_that_the_server_loads_late_is_used_as_soon_as_it_is_there() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut server = Server::start(&[]);
+    server.does("value bed 23");
+    // Nothing is polled while the namespace is not there: its list is read again.
+    let text = subscribing(server.port);
+    beside(&text, remembering(directory.path()), move |source| {
+        holds(&mut server, "30");
+        let mut server = server.dies(&["--late"]);
+        wait_until(source, "it is not there", |status| reported(status, "not-as-expected") == 1);
+        assert_eq!(server.does("load"), "done");
+        wait_until(source, "it is there", |status| reported(status, "as-expected") == 1);
+        wait_until(source, "it is read again", |status| bed(status) == "good");
+    });
+}
+
+#[test]
+fn a_shared_register_whose_namespace_is_another_one_is_not_confirmed() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut server = Server::start(&[]);
+    server.does("value bed 20");
+    let text =
+        machine(server.port, "").replace("writes = \"offset\"", "writes = \"offset\"\nshare = \"ledger\"");
+    beside(&text, remembering(directory.path()), move |source| {
+        wait_until(source, "its URI is remembered", |status| reported(status, "namespace-recorded") == 1);
+        let mut server = server.dies(&["--uri", "urn:mill"]);
+        wait_until(source, "it is another", |status| reported(status, "not-as-expected") == 1);
+        let person = Arc::new(Asker::new(Way::Socket, "maria"));
+        let said = source.confirm("cnc", &person).map(|answer| answer.text().to_owned()).unwrap_err();
+        assert!(said.starts_with("output offset shares its register with an operator"), "{said}");
+        assert_eq!(server.does("read offset"), "0");
+        assert_ne!(bed(&source.status()), "good");
+    });
 }

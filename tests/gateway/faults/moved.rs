@@ -522,3 +522,19 @@ fn a_readout_of_which_no_state_is_accepted_begins_at_zero_and_that_is_an_event()
         again.lines()
     );
 }
+
+#[test]
+fn a_module_without_checks_that_was_set_otherwise_between_two_runs_is_not_accepted() {
+    let directory = tempfile::tempdir().unwrap();
+    let degrees = "[[fault]]\ndevice = \"thermocouples\"\nkind = \"value\"\nsignal = \"bed\"\nvalue = 2.0\nat = \"60s\"\n";
+    let traces = runs(directory.path(), degrees, vec![Run::of(BENCH), Run::of(BENCH)]);
+    assert_eq!(traces[0].qualities("bed", 10, 55), ["good"], "{}", traces[0].lines());
+    law::holds(&traces[1]);
+    assert_eq!(traces[1].qualities("bed", 10, 55), ["jumped"], "{}", traces[1].lines());
+    assert_eq!(
+        (traces[1].reported("armed"), traces[1].writes("cnc_z").len()),
+        (0, 0),
+        "{}",
+        traces[1].lines()
+    );
+}
