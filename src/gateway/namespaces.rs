@@ -78,9 +78,9 @@ impl NamespaceWatch {
                     "the server does not have namespace {was} (ns={index}) any more; ns={index} is {is}"
                 ),
             };
-            let meant = format!("write the namespace that is meant as nsu=...; in place of ns={index};");
+            let meant = format!("write the namespace that is meant as nsu=... in place of ns={index}");
             let confirmed = now.map_or(String::new(), |now| {
-                format!(", or, if ns={index} is to be {now}, isotherm confirm {} {device}", profile.display())
+                format!("; or, if ns={index} is to be {now}, isotherm confirm {} {device}", profile.display())
             });
             Difference {
                 what: format!("ns={index}"),
