@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use isotherm_core::namespaces::{KnownNamespaces, Located};
 
-/// Shared table of one server. Whoever has a copy has the same one.
+/// Table of one server. Its copies share what it has.
 #[derive(Clone, Debug, Default)]
 pub struct NamespaceTable(Arc<Mutex<Table>>);
 
@@ -73,17 +73,17 @@ impl NamespaceTable {
 
     /// A person has confirmed that the profile means what the server has at each index whose namespace cannot be told. Returns these
     /// indices with their URIs.
-    pub fn confirm(&self) -> Vec<(u16, Option<String>)> {
+    pub fn confirm(&self) -> Vec<(u16, String)> {
         let mut table = self.lock();
-        let lost = table.found.iter().filter(|(index, found)| found.index(**index).is_none());
+        let lost = table.found.iter().filter(|(_, found)| found.is_lost());
         let lost: Vec<u16> = lost.map(|(index, _)| *index).collect();
         let array = table.array.clone();
         let accept = |index: u16| {
-            let uri = table.known.accept(index, &array).map(str::to_owned);
+            let uri = table.known.accept(index, &array)?.to_owned();
             table.locate(index);
-            (index, uri)
+            Some((index, uri))
         };
-        lost.into_iter().map(accept).collect()
+        lost.into_iter().filter_map(accept).collect()
     }
 }
 
@@ -114,11 +114,7 @@ mod tests {
     use super::*;
 
     fn array(uris: &[&str]) -> Vec<String> {
-        ["http://opcfoundation.org/UA/", "urn:server"]
-            .iter()
-            .chain(uris)
-            .map(|uri| (*uri).to_owned())
-            .collect()
+        ["ua", "server"].iter().chain(uris).map(|uri| (*uri).to_owned()).collect()
     }
 
     #[test]
@@ -148,7 +144,7 @@ mod tests {
         later.connected(array(&["urn:lathe"]));
         assert_eq!(later.index(2), None, "remembered over a restart");
         let changes = later.changes();
-        assert_eq!(later.confirm(), [(2, Some("urn:lathe".to_owned()))]);
+        assert_eq!(later.confirm(), [(2, "urn:lathe".to_owned())]);
         assert_eq!((later.index(2), later.known().uri(2)), (Some(2), Some("urn:lathe")));
         assert!(later.changes() > changes);
         table.connected(array(&["urn:mill"]));

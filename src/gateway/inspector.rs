@@ -65,7 +65,7 @@ struct Inspection {
     again: Vec<Repetition>,
 }
 
-/// What identifies a device.
+/// Means by which a device is identified, and whether they were looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Identified {
     ByChecks,
@@ -460,6 +460,7 @@ fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Dif
     let mut core = shared.core();
     let found = sentence(&differences);
     let is_evident = differences.iter().any(Difference::is_evidence);
+    let has_remedies = differences.iter().all(|difference| !difference.remedy.is_empty());
     let Some(before) = core.devices.verified(id, breaks, differences) else { return };
     if found.is_empty() {
         let Core { devices, arming, .. } = &mut *core;
@@ -475,7 +476,11 @@ fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Dif
     let is_of_settings = before == Continuity::Confirmed && is_evident;
     let found = if is_of_settings { format!("its settings were changed: {found}") } else { found };
     let why = Explained::new(format!("device {name}: {found}"), "arm it when that is set right");
-    core.events.push(Event::NotAsExpected { device: name.clone(), found: found.into() });
+    let told = match has_remedies {
+        true => Explained::new(found, "no axis that needs the device is armed before"),
+        false => found.into(),
+    };
+    core.events.push(Event::NotAsExpected { device: name.clone(), found: told });
     // After a break no reading has been used that came with these settings.
     if before == Continuity::Confirmed {
         let Core { devices, arming, board, .. } = &mut *core;

@@ -31,7 +31,7 @@ pub(super) struct Memory {
     rest: Rest,
 }
 
-/// What is saved as it is.
+/// Parts of the state that are saved without a change.
 #[derive(Debug)]
 pub(super) struct Rest {
     /// By axis: what is known of its sign.

@@ -59,12 +59,12 @@ impl NamespaceWatch {
 
     /// Returns whether the namespace of some index cannot be told, so that no device of the server may be used.
     pub(super) fn is_lost(&self) -> bool {
-        self.found.iter().any(|(index, located)| located.index(*index).is_none())
+        self.found.iter().any(|(_, located)| located.is_lost())
     }
 
     /// Returns why a device of the server may not be used: a difference for each index whose namespace cannot be told.
     pub(super) fn differences(&self, profile: &Path, device: &str) -> Vec<Difference> {
-        let lost = self.found.iter().filter(|(index, located)| located.index(*index).is_none());
+        let lost = self.found.iter().filter(|(_, located)| located.is_lost());
         let difference = |(index, located): &(u16, Located)| {
             let was = self.known.uri(*index).unwrap_or_default();
             let now = self.array.get(usize::from(*index)).filter(|uri| !uri.is_empty());
@@ -98,16 +98,15 @@ impl NamespaceWatch {
 /// what is to be said of it, or `None` if all of them can be told.
 ///
 /// # Errors
-/// A register there is shared with an operator: its account is that of another namespace.
+/// The server has no namespace at an index, or a register there is shared with an operator: its account is that of another namespace.
 pub(super) fn confirm_namespaces(
     profile: &Profile,
     bus: BusId,
     core: &mut Core,
 ) -> Result<Option<String>, Explained> {
     let Some(table) = core.devices.namespaces(bus) else { return Ok(None) };
-    let found = table.found().into_iter();
-    let lost: Vec<u16> =
-        found.filter(|(index, located)| located.index(*index).is_none()).map(|(index, _)| index).collect();
+    let lost = table.found().into_iter().filter(|(_, located)| located.is_lost());
+    let lost: Vec<u16> = lost.map(|(index, _)| index).collect();
     if lost.is_empty() {
         return Ok(None);
     }
@@ -137,10 +136,7 @@ pub(super) fn confirm_namespaces(
             "write the namespace that is meant as nsu=... in the profile, and restart",
         ));
     }
-    let says = |(index, uri): &(u16, Option<String>)| match uri {
-        Some(uri) => format!("ns={index} is {uri}"),
-        None => format!("ns={index} is used without a URI"),
-    };
-    let accepted: Vec<String> = table.confirm().iter().map(says).collect();
+    let accepted = table.confirm().into_iter().map(|(index, uri)| format!("ns={index} is {uri}"));
+    let accepted: Vec<String> = accepted.collect();
     Ok(Some(format!("{} from now on", accepted.join(", "))))
 }

@@ -155,7 +155,7 @@ impl Places {
         self
     }
 
-    /// The same with what others remember of the namespaces of servers.
+    /// Places with the namespaces of servers that others remember.
     pub(super) fn with_namespaces_of(self, others: Places) -> Places {
         Places { namespaces: others.namespaces, ..self }
     }
@@ -166,7 +166,8 @@ impl Places {
         self.name_node(now, same_name, &place.bus, &mut place.address);
     }
 
-    /// The same for one address. What has the same name in the profile comes first: one node can be named in two ways.
+    /// Names the node at one address as this profile does. What has the same name in the profile comes first: one node can be named in
+    /// two ways.
     fn name_node(&self, now: &Places, same_name: Option<&str>, bus: &str, address: &mut String) {
         let Some(known) = self.namespaces.get(bus) else { return };
         let Some(was) = by_uri(address, known) else { return };

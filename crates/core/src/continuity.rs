@@ -92,7 +92,7 @@ pub enum Found {
     Absent(String),
     /// No value, for a reason that says nothing of the register.
     Unreadable(String),
-    /// What this sentence says.
+    /// Another finding, as a sentence.
     Described(String),
 }
 

@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 #[serde(transparent)]
 pub struct KnownNamespaces(BTreeMap<u16, Known>);
 
-/// What is remembered of one index.
+/// URI behind one index, and whether the profile means it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Known {
@@ -73,6 +73,11 @@ impl Located {
             Located::Gone | Located::Ambiguous | Located::Unclear => None,
         }
     }
+
+    /// Returns whether nobody can tell which namespace is meant, so that nothing may be sent.
+    pub fn is_lost(&self) -> bool {
+        self.index(0).is_none()
+    }
 }
 
 impl KnownNamespaces {
@@ -104,12 +109,10 @@ impl KnownNamespaces {
         self.0.insert(index, Known { uri, meaning: Meaning::Seen });
     }
 
-    /// A person has confirmed that the profile means what the server has at this index now. Returns its URI, if it has one.
+    /// A person has confirmed that the profile means what the server has at this index now. Returns its URI. Without a URI nothing is
+    /// accepted.
     pub fn accept(&mut self, index: u16, array: &[String]) -> Option<&str> {
-        let Some(uri) = array.get(usize::from(index)).filter(|uri| !uri.is_empty()) else {
-            self.0.remove(&index);
-            return None;
-        };
+        let uri = array.get(usize::from(index)).filter(|uri| !uri.is_empty())?;
         self.0.insert(index, Known { uri: uri.clone(), meaning: Meaning::Accepted });
         self.uri(index)
     }
@@ -152,10 +155,10 @@ mod tests {
     use super::*;
 
     fn array(uris: &[&str]) -> Vec<String> {
-        ["http://opcfoundation.org/UA/", "urn:server"]
-            .iter()
-            .chain(uris)
-            .map(|uri| (*uri).to_owned())
+        [&["http://opcfoundation.org/UA/", "urn:server"], uris]
+            .concat()
+            .into_iter()
+            .map(str::to_owned)
             .collect()
     }
 
@@ -217,6 +220,6 @@ mod tests {
         known.is_seen(2);
         assert_eq!(known.locate(2, &array(&["urn:lathe", "urn:mill"])), Located::Moved(3));
         assert_eq!(known.accept(2, &[]), None, "the array cannot be read");
-        assert_eq!(known.uri(2), None);
+        assert_eq!(known.uri(2), Some("urn:mill"));
     }
 }
