@@ -11,6 +11,8 @@ import linuxcnc
 from simulation import Failed, reap
 
 AXES = 3
+# Seconds until a state of LinuxCNC is reached; on a busy computer it takes several.
+PATIENCE = 20
 COMMANDS = {}
 
 
@@ -269,13 +271,20 @@ class Mill:
     # What the commands are made of ---------------------------------------------------------------------------------
 
     def set_state(self, state, reached, otherwise):
-        self.task.state(state)
-        self.task.wait_complete()
-        self.wait_for(otherwise, reached)
+        # LinuxCNC passes over a state while it still enters the one before; at a panel the key is pressed again.
+        end = time.monotonic() + PATIENCE
+        while True:
+            self.task.state(state)
+            self.task.wait_complete()
+            try:
+                return self.wait_for(otherwise, reached, seconds=2)
+            except Failed:
+                if time.monotonic() > end:
+                    raise
 
     def set_mode(self, mode):
         # Refused as long as the last program is still coming to its end.
-        end = time.monotonic() + 5
+        end = time.monotonic() + PATIENCE
         while True:
             self.task.mode(mode)
             self.task.wait_complete()
@@ -304,7 +313,7 @@ class Mill:
         elif self.stat.interp_state == linuxcnc.INTERP_IDLE:
             self.start_program(self.looped)
 
-    def wait_for(self, otherwise, reached, seconds=5):
+    def wait_for(self, otherwise, reached, seconds=PATIENCE):
         end = time.monotonic() + seconds
         while True:
             try:
