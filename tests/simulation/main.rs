@@ -12,14 +12,18 @@ mod link;
 mod machine;
 mod many;
 mod nodes;
+mod panel;
 mod people;
+mod scene;
 mod script;
+mod serial_side;
 mod stream;
 mod time;
 
 use std::time::Duration;
 
 use many::Many;
+use scene::Scene;
 
 const HOUR: Duration = Duration::from_secs(3600);
 const DAY: Duration = Duration::from_secs(8 * 3600);
@@ -37,14 +41,14 @@ const MENDED: [u64; 6] = [22, 754, 914, 1_795_833_836, 1_795_872_391, 621_073_45
 
 #[test]
 fn a_seed_repeats_its_day_bit_for_bit() {
-    let profile = day::profile();
-    let first = day::run(&profile, 1, 2 * HOUR, false);
-    assert_eq!(first, day::run(&profile, 1, 2 * HOUR, false));
+    let scene = Scene::usual(day::profile());
+    let first = day::run(&scene, 1, 2 * HOUR, false);
+    assert_eq!(first, day::run(&scene, 1, 2 * HOUR, false));
 }
 
 #[test]
 fn every_seed_whose_defect_is_mended_holds_the_laws() {
-    let many = Many::run(&day::profile(), &MENDED, DAY, 2, false);
+    let many = Many::run(&Scene::usual(day::profile()), &MENDED, DAY, 2, false);
     assert_eq!(many.broken, [], "{many}");
 }
 
@@ -59,7 +63,7 @@ fn number(name: &str, otherwise: u64) -> u64 {
 fn fresh_seeds_hold_the_laws() {
     let (first, count) = (number("TEST_FRESH_SEEDS_FROM", 1), number("TEST_SEEDS", 10));
     let seeds: Vec<u64> = (first..first + count).collect();
-    let many = Many::run(&day::profile(), &seeds, DAY, 2, false);
+    let many = Many::run(&Scene::usual(day::profile()), &seeds, DAY, 2, false);
     assert_eq!(many.broken, [], "TEST_FRESH_SEEDS_FROM={first}: {many}");
     assert!(many.counts.faults > 200 * count && many.changes > 2000 * count, "{many}");
 }
@@ -68,7 +72,7 @@ fn fresh_seeds_hold_the_laws() {
 fn sensors_and_control_that_are_servers_of_nodes_hold_the_same_laws() {
     // Two, and six in depth.
     let seeds: Vec<u64> = (1..=number("TEST_SEEDS", 10) / 5).collect();
-    let many = Many::run(&day::profile_of_nodes(), &seeds, DAY, 2, false);
+    let many = Many::run(&Scene::usual(day::profile_of_nodes()), &seeds, DAY, 2, false);
     assert_eq!(many.broken, [], "{many}");
     let count = seeds.len() as u64;
     assert!(many.counts.faults > 200 * count && many.changes > 2000 * count, "{many}");
@@ -78,7 +82,7 @@ fn sensors_and_control_that_are_servers_of_nodes_hold_the_same_laws() {
 #[test]
 fn without_checks_the_simulation_finds_readings_of_another_module() {
     let seeds: Vec<u64> = (1..=10).collect();
-    let many = Many::run(&day::profile_without_checks(), &seeds, DAY, 2, false);
+    let many = Many::run(&Scene::usual(day::profile_without_checks()), &seeds, DAY, 2, false);
     assert!(many.broken.iter().any(|(_, story)| story.contains("R3")), "{many}");
 }
 
@@ -86,6 +90,41 @@ fn without_checks_the_simulation_finds_readings_of_another_module() {
 #[test]
 fn without_the_age_that_begins_with_the_question_the_simulation_finds_old_readings() {
     let seeds: Vec<u64> = (1..=40).collect();
-    let many = Many::run(&day::profile(), &seeds, DAY, 2, true);
+    let many = Many::run(&Scene::usual(day::profile()), &seeds, DAY, 2, true);
     assert!(many.broken.iter().any(|(_, story)| story.contains("R3")), "{many}");
+}
+
+/// Seeds for the events that only some machines have.
+fn seeds_beyond() -> Vec<u64> {
+    let (first, count) = (number("TEST_FRESH_SEEDS_FROM", 1), number("TEST_SEEDS", 10));
+    (first..first + count).collect()
+}
+
+#[test]
+fn changes_at_a_panel_move_nothing_for_longer_than_a_period_of_the_check_and_are_walked_back() {
+    let seeds = seeds_beyond();
+    let many = Many::run(&Scene::panel(day::TEXT), &seeds, 4 * HOUR, 2, false);
+    assert_eq!(many.broken, [], "TEST_FRESH_SEEDS_FROM={}: {many}", seeds[0]);
+    assert!(many.counts.settings > seeds.len() as u64 && many.went_back > 0, "{many}");
+}
+
+#[test]
+fn without_checks_the_simulation_finds_values_in_other_settings() {
+    let many = Many::run(&Scene::panel(&day::text_without_checks()), &[1, 2, 3], 4 * HOUR, 2, false);
+    let is_found = |story: &str| story.contains("R3") && story.contains("after the settings were changed");
+    assert!(many.broken.iter().any(|(_, story)| is_found(story)), "{many}");
+}
+
+#[test]
+fn answers_that_a_gateway_shifts_move_nothing() {
+    let seeds = seeds_beyond();
+    let many = Many::run(&Scene::gateway(true), &seeds, 2 * HOUR, 2, false);
+    assert_eq!(many.broken, [], "TEST_FRESH_SEEDS_FROM={}: {many}", seeds[0]);
+    assert!(many.counts.late_answers > 10 * seeds.len() as u64, "{many}");
+}
+
+#[test]
+fn without_the_wait_for_late_answers_the_simulation_finds_exchanged_values() {
+    let many = Many::run(&Scene::gateway(false), &[1, 2], 2 * HOUR, 2, false);
+    assert!(many.broken.iter().any(|(_, story)| story.contains("R11")), "{many}");
 }
