@@ -76,6 +76,17 @@ enum CheckRound {
     Broken,
 }
 
+impl CheckRound {
+    /// Returns this round, or the difference that was found right before it if the device did not answer: what has been found holds
+    /// until all checks pass.
+    fn or(self, breaks: u64, found: Option<Difference>) -> CheckRound {
+        match (self, found) {
+            (CheckRound::NoAnswer, Some(difference)) => CheckRound::Known(breaks, vec![difference]),
+            (round, _) => round,
+        }
+    }
+}
+
 impl Inspector {
     pub(super) fn new(profile: &Profile, bus: BusId, start: Moment) -> Inspector {
         let checked = profile.devices_on(bus).filter(|(_, device)| device.is_checked());
@@ -87,7 +98,15 @@ impl Inspector {
                 Repetition { period, due: start, has_passed: false, unread: (0, start) }
             };
             let again = device.verify.iter().map(repetition).collect();
-            Inspection { device: id, due: start, missed: (0, start), is_heard, set_up: None, read_after: 0, again }
+            Inspection {
+                device: id,
+                due: start,
+                missed: (0, start),
+                is_heard,
+                set_up: None,
+                read_after: 0,
+                again,
+            }
         };
         Inspector(checked.map(inspection).collect())
     }
@@ -153,6 +172,7 @@ impl Inspection {
         let check = &shared.profile.device(self.device).verify[place];
         let found = read(line, self.device, check).await;
         let (now, again) = (shared.clock.now(), &mut self.again[place]);
+        let mut evidence = None;
         match found {
             Ok(None) => {
                 (again.due, again.has_passed, again.unread) = (now.after(again.period), true, (0, now));
@@ -162,7 +182,7 @@ impl Inspection {
                 }
                 return true;
             }
-            Ok(Some(_)) => again.due = now.after(ASK_AGAIN),
+            Ok(Some(difference)) => (again.due, evidence) = (now.after(ASK_AGAIN), Some(difference)),
             // Answers to another master say nothing, nor does a connection that cannot be made.
             Err(fault) if fault.is_of_the_line() || fault == Fault::Peer(PeerFault::Foreign) => {
                 again.due = now.after(ASK_AGAIN);
@@ -178,7 +198,7 @@ impl Inspection {
             }
         }
         let found = self.read_all(line, shared, can, breaks).await;
-        self.take_round(shared, found);
+        self.take_round(shared, found.or(breaks, evidence));
         true
     }
 
