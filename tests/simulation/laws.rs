@@ -226,7 +226,6 @@ impl Laws {
             rests.shown_at = register.shown.map(|(at, _)| at);
             let is_change = register.shown.is_none_or(|(_, shown)| shown != sent);
             register.sent.retain(|(at, _)| now.saturating_sub(*at) < REMEMBERED);
-            register.sent.push((now, sent));
             if register.shown.is_none() {
                 broken = Some(format!("{}: {sent} is sent before the register was ever read", register.name));
             }
@@ -235,6 +234,7 @@ impl Laws {
                 let why = register.forbids(sent, rested_on, (&self.panel, index), wanted[index], now);
                 broken = why.or(broken);
             }
+            register.sent.push((now, sent));
         }
         if line == READOUT && at == CORRECTED {
             broken = broken.or_else(|| self.corrects(words, now));
@@ -374,10 +374,13 @@ impl Register {
             let since = since.unwrap_or_default();
             return Some(format!("R3: {name} is changed to {sent} on readings {age:?} old{since}"));
         }
-        let (shown, sent) = ours?;
+        // A control that refused it is sent the same again, while its axis keeps its value.
+        let is_repeated = self.sent.last().is_some_and(|(_, last)| *last == sent);
+        let (shown, sent) = ours.filter(|_| !is_repeated)?;
         let off = |ours: i64| (ours as f64 - 10.0 * wanted).abs();
         let leads_away = off(sent) > off(shown) + AWAY;
-        leads_away.then(|| format!("R11: {name} is changed from {shown} to {sent}, and {wanted} µm are required"))
+        leads_away
+            .then(|| format!("R11: {name} is changed from {shown} to {sent}, and {wanted} µm are required"))
     }
 
     /// The gateway was shown what somebody else did last.

@@ -415,7 +415,9 @@ impl World {
             answer = self.machine.answer(line, asked, now).unwrap_or(answer);
         }
         let (mut at, mut answers, mut seen_at) = (now, asked, now);
-        if line == SENSORS && let Some(delay) = on_serial_side(fate) {
+        if line == SENSORS
+            && let Some(delay) = on_serial_side(fate)
+        {
             // Without an answer the gateway has given up silently.
             let Some(passed) = self.serial.pass(asked, answer, delay, now) else { return };
             (at, answer, (answers, seen_at)) = (passed.at, passed.message, passed.of);
