@@ -240,6 +240,7 @@ impl Inspection {
         let check = &shared.profile.device(self.device).verify[place];
         let found = read(line, self.device, check).await;
         let (now, again) = (shared.clock.now(), &mut self.again[place]);
+        let mut evidence = None;
         match found {
             Ok(None) => {
                 (again.due, again.has_passed, again.unread) = (now.after(again.period), true, (0, now));
@@ -249,7 +250,9 @@ impl Inspection {
                 }
                 return true;
             }
-            Ok(Some(difference)) if difference.is_value() => again.due = now.after(ASK_AGAIN),
+            Ok(Some(difference)) if difference.is_value() => {
+                (again.due, evidence) = (now.after(ASK_AGAIN), Some(difference));
+            }
             // Answers to another master say nothing, nor does a connection that cannot be made.
             Err(fault) if fault.is_of_the_line() || fault == Fault::Peer(PeerFault::Foreign) => {
                 again.due = now.after(ASK_AGAIN);
@@ -265,7 +268,13 @@ impl Inspection {
                 self.missed = (ASSUMED_SILENT, now);
             }
         }
-        let found = self.read_all(line, shared, can, (breaks, Vec::new())).await;
+        let found = match (self.read_all(line, shared, can, (breaks, Vec::new())).await, evidence) {
+            // What was found right before holds until all checks pass.
+            (CheckRound::NoAnswer, Some(difference)) if self.is_after(breaks, shared) => {
+                CheckRound::Known(breaks, vec![difference])
+            }
+            (round, _) => round,
+        };
         self.take_round(shared, found);
         true
     }

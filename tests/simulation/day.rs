@@ -22,6 +22,7 @@ use crate::laws::Laws;
 use crate::link::{Counts, Note, World};
 use crate::machine::{CNC, LINES, Machine, X, Y};
 use crate::people::People;
+use crate::scene::Scene;
 use crate::script::{self, Happening};
 use crate::stream::{Shared, SimulatedDial};
 use crate::time::Passage;
@@ -49,25 +50,32 @@ pub(crate) struct Outcome {
     pub(crate) counts: Counts,
     pub(crate) changes: u64,
     pub(crate) taken: u64,
+    /// Registers that have gone back from values in other settings.
+    pub(crate) went_back: u64,
     /// Two runs of one seed have the same.
     pub(crate) fingerprint: u64,
     /// The first breach, with what happened before.
     pub(crate) breach: Option<String>,
 }
 
+pub(crate) const TEXT: &str = include_str!("profile.toml");
+
 pub(crate) fn profile() -> Profile {
-    parsed(include_str!("profile.toml"))
+    parsed(TEXT)
 }
 
 /// The same machine without a check of its module.
 pub(crate) fn profile_without_checks() -> Profile {
-    let text = include_str!("profile.toml");
-    parsed(&text.replace("verify = [{ register = \"holding:60\", equals = 7, what = \"type code\" }]\n", ""))
+    parsed(&text_without_checks())
+}
+
+pub(crate) fn text_without_checks() -> String {
+    TEXT.replace("verify = [{ register = \"holding:60\", equals = 7, what = \"type code\" }]\n", "")
 }
 
 /// The same machine, whose thermometers and whose control are servers of OPC UA.
 pub(crate) fn profile_of_nodes() -> Profile {
-    let mut text = include_str!("profile.toml").to_owned();
+    let mut text = TEXT.to_owned();
     for line in ["sensors", "cnc"] {
         let modbus = format!("type = \"modbus-tcp\"\naddress = \"{line}:502\"");
         let opcua = format!("type = \"opcua\"\nsecurity = \"none\"\naddress = \"opc.tcp://{line}:4840\"");
@@ -84,20 +92,20 @@ pub(crate) fn profile_of_nodes() -> Profile {
     parsed(&text.replace("register = \"holding:50\"", "node = \"ns=1;s=holding:50\"\ntype = \"i16\""))
 }
 
-fn parsed(text: &str) -> Profile {
+pub(crate) fn parsed(text: &str) -> Profile {
     let parsed = parse(Path::new("simulation.toml"), text, &[], &[]);
     parsed.unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
 /// Runs the machine of this seed for so long.
-pub(crate) fn run(profile: &Profile, seed: u64, span: Duration, without: Without) -> Outcome {
+pub(crate) fn run(scene: &Scene, seed: u64, span: Duration, without: Without) -> Outcome {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build();
     let runtime = runtime.unwrap_or_else(|error| panic!("no runtime: {error}"));
-    runtime.block_on(async { Day::begin(profile, seed, without).run(span).await })
+    runtime.block_on(async { Day::begin(scene, seed, without).run(span).await })
 }
 
 struct Day<'a> {
-    profile: &'a Profile,
+    scene: &'a Scene,
     random: Pcg32,
     passage: Passage,
     shared: Shared,
@@ -120,19 +128,19 @@ enum End {
 }
 
 impl<'a> Day<'a> {
-    fn begin(profile: &'a Profile, seed: u64, without: Without) -> Day<'a> {
+    fn begin(scene: &'a Scene, seed: u64, without: Without) -> Day<'a> {
         let mut random = Pcg32::seed_from_u64(seed);
         let passage = Passage::begin();
         let his = random.random_range(-90..90);
         let phases = [(); 4].map(|()| random.random_range(0.0..1.0));
-        let machine = Machine::new(phases, Laws::new(his));
+        let machine = Machine::new(phases, scene.beyond.bases(), Laws::new(his));
         let disk = MemoryDisk::default();
         let random_of_lines = Pcg32::seed_from_u64(seed ^ 0x5eed);
         let mut world = World::new(machine, random_of_lines, passage.clone(), disk.is_dead.clone());
-        world.servers.are_there = profile.buses.iter().any(|bus| bus.opcua.is_some());
-        let next = script::next(&mut random, Duration::ZERO);
+        world.servers.are_there = scene.profile.buses.iter().any(|bus| bus.opcua.is_some());
+        let next = script::next(&mut random, scene.beyond, Duration::ZERO);
         Day {
-            profile,
+            scene,
             random,
             shared: Shared(Arc::new(Mutex::new(world))),
             passage,
@@ -165,6 +173,7 @@ impl<'a> Day<'a> {
             counts: world.counts,
             changes: laws.changes,
             taken: laws.taken_count,
+            went_back: laws.panel.went_back,
             fingerprint: world.fingerprint,
             breach,
         }
@@ -212,7 +221,7 @@ impl<'a> Day<'a> {
             is_credulous: self.without == Without::Age,
             ..Options::default()
         };
-        let gateway = Gateway::new(self.profile.clone(), &clock, options);
+        let gateway = Gateway::new(self.scene.profile.clone(), &clock, options);
         let source = gateway.source();
         let stop = Notify::new();
         let mut is_stopping = false;
@@ -274,6 +283,8 @@ impl<'a> Day<'a> {
             Happening::Foreign(value) => self.edit = Some((CNC, X, value)),
             Happening::FullDisk(span) => {
                 self.disk_full_until = now + span;
+                // What is promised must be on disk first.
+                world.keeps_waiting(CNC, now + span);
                 world.did(now, "the disk is full for s", span.as_secs());
             }
             Happening::Kill => end = Some(End::Killed),
@@ -294,7 +305,7 @@ impl<'a> Day<'a> {
             _ => script::befalls(&mut world, what, now),
         }
         drop(world);
-        self.next = script::next(&mut self.random, now);
+        self.next = script::next(&mut self.random, self.scene.beyond, now);
         end
     }
 

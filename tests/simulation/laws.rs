@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use crate::machine::{CNC, CORRECTED, PLC, Question, READOUT, W, X, Y, Z, value};
+use crate::machine::{CNC, CORRECTED, PLC, Question, READOUT, SENSORS, W, X, Y, Z, value};
+use crate::panel::{Panel, REGISTERS};
 
 /// A reading is used for so long after its question; a position.
 const MAX_AGE: Duration = Duration::from_secs(3);
@@ -11,6 +12,9 @@ const MAX_AGE_OF_POSITION: Duration = Duration::from_millis(500);
 const LOOK: Duration = Duration::from_millis(2);
 /// Counts of a step, in tenths of a micrometre.
 const STEP: i64 = 10;
+/// Counts by which a change may lead away from what the temperatures require: the deadband, half a count, what they change by within
+/// `MAX_AGE`, and one count beside a sum that must not be zero.
+const AWAY: f64 = 3.5;
 /// How long a value that was sent is no value for an operator.
 const REMEMBERED: Duration = Duration::from_secs(330);
 
@@ -44,9 +48,12 @@ pub(crate) struct Register {
 /// All that is known of the truth.
 #[derive(Clone, Debug)]
 pub(crate) struct Laws {
-    pub(crate) registers: [Register; 4],
+    pub(crate) registers: [Register; REGISTERS],
     /// When each sensor was last asked for what it then said.
     read_at: [Option<Duration>; 2],
+    /// The same for values in other settings that no check could have shown yet.
+    misread_at: [Option<Duration>; 2],
+    pub(crate) panel: Panel,
     /// Positions that the gateway was shown, the newest last, µm.
     positions: Vec<(Duration, i64)>,
     /// What was last added to a position, in tenths of a micrometre.
@@ -93,6 +100,8 @@ impl Laws {
                 register("w", PLC, W, 200, 0, 1),
             ],
             read_at: [None; 2],
+            misread_at: [None; 2],
+            panel: Panel::default(),
             positions: Vec::new(),
             corrected: None,
             news_at: Duration::ZERO,
@@ -115,6 +124,61 @@ impl Laws {
     /// A sensor was asked at this moment, and its answer was handed over in time.
     pub(crate) fn read(&mut self, channel: usize, asked: Duration) {
         self.read_at[channel] = self.read_at[channel].max(Some(asked));
+    }
+
+    /// The same while the module is set otherwise.
+    pub(crate) fn misread(&mut self, channel: usize, asked: Duration) {
+        if self.panel.is_hidden() {
+            self.misread_at[channel] = self.misread_at[channel].max(Some(asked));
+        }
+    }
+
+    /// The gateway was given the type code of the module, which that had at this time.
+    pub(crate) fn checks(&mut self, is_expected: bool, seen_at: Duration, now: Duration) {
+        let ours = self.ours();
+        match is_expected {
+            true => self.panel.passes(ours, seen_at, now),
+            false => self.panel.fails(self.registers.each_ref().map(|register| register.line), ours),
+        }
+    }
+
+    /// The module is set otherwise from now on.
+    pub(crate) fn settings_change(&mut self, now: Duration) {
+        self.panel.changes(self.ours(), now);
+    }
+
+    /// A connection to the module is made.
+    pub(crate) fn connects(&mut self, line: usize) {
+        if line == SENSORS {
+            self.panel.breaks();
+        }
+    }
+
+    /// Axes are armed that were off.
+    pub(crate) fn arms(&mut self, was_off: impl Fn(&str) -> bool) {
+        for (place, ours) in self.ours().into_iter().enumerate() {
+            if was_off(self.registers[place].name) {
+                self.panel.arms(place, ours);
+            }
+        }
+    }
+
+    /// A question leaves on a line, on which nothing fails if it is fair.
+    pub(crate) fn asks(&mut self, line: usize, now: Duration, is_fair: bool) {
+        self.panel.asks(line, now, is_fair);
+        for (place, ours) in self.ours().into_iter().enumerate() {
+            if self.registers[place].line == line
+                && let Some(away) = self.panel.is_late(place, line, ours)
+            {
+                let name = self.registers[place].name;
+                self.breaks(format!("panel: {name} has not gone back, {away} counts are left"));
+            }
+        }
+    }
+
+    /// Counts of the gateway in the registers, without the operator's.
+    fn ours(&self) -> [i64; REGISTERS] {
+        self.registers.each_ref().map(|register| register.value - register.his)
     }
 
     pub(crate) fn saw_position(&mut self, asked: Duration, position: i64) {
@@ -143,36 +207,34 @@ impl Laws {
     /// Another gateway begins: it knows nothing of the readout, and finds what the one before it may have been told.
     pub(crate) fn begins(&mut self) {
         self.corrected = None;
+        self.panel.begins();
         self.registers.iter_mut().for_each(|register| register.is_news = true);
     }
 
-    /// A write leaves the gateway.
-    pub(crate) fn leaves(&mut self, line: usize, asked: Question, now: Duration) -> Rests {
+    /// A write leaves the gateway, while the temperatures require this of the axes, µm.
+    pub(crate) fn leaves(&mut self, line: usize, asked: Question, wanted: [f64; 5], now: Duration) -> Rests {
         let Question::Write { function, at, count, words } = asked else { return Rests::default() };
         let mut rests = Rests::default();
         if function == 5 {
             return rests;
         }
         let mut broken = None;
-        let read_at = self.read_at;
-        for register in self.registers.iter_mut().filter(|register| register.line == line) {
-            let place = register.at.checked_sub(at).filter(|place| *place < count);
+        let rested_on = (self.read_at, self.misread_at);
+        for (index, register) in self.registers.iter_mut().enumerate() {
+            let place = register.at.checked_sub(at).filter(|place| register.line == line && *place < count);
             let Some(sent) = place.map(|place| value(words[usize::from(place)])) else { continue };
             rests.shown_at = register.shown.map(|(at, _)| at);
             let is_change = register.shown.is_none_or(|(_, shown)| shown != sent);
             register.sent.retain(|(at, _)| now.saturating_sub(*at) < REMEMBERED);
-            register.sent.push((now, sent));
             if register.shown.is_none() {
                 broken = Some(format!("{}: {sent} is sent before the register was ever read", register.name));
             }
             if is_change {
                 self.changes += 1;
-                let age = read_at[register.channel].map(|read_at| now.saturating_sub(read_at));
-                if age.is_none_or(|age| age > MAX_AGE + LOOK) {
-                    broken =
-                        Some(format!("R3: {} is changed to {sent} on readings {age:?} old", register.name));
-                }
+                let why = register.forbids(sent, rested_on, (&self.panel, index), wanted[index], now);
+                broken = why.or(broken);
             }
+            register.sent.push((now, sent));
         }
         if line == READOUT && at == CORRECTED {
             broken = broken.or_else(|| self.corrects(words, now));
@@ -251,7 +313,11 @@ impl Laws {
 
     /// The control on this line has nothing in its registers any more.
     pub(crate) fn cleared(&mut self, line: usize, now: Duration) {
-        for register in self.registers.iter_mut().filter(|register| register.line == line) {
+        for (place, register) in self.registers.iter_mut().enumerate() {
+            if register.line != line {
+                continue;
+            }
+            self.panel.touched(place);
             register.lost = register.lost.or((register.his != 0).then_some(register.his));
             (register.value, register.his, register.moved_at) = (0, 0, Some(now));
             register.is_news = true;
@@ -263,10 +329,11 @@ impl Laws {
 
     /// Somebody else puts this there.
     pub(crate) fn moved(&mut self, line: usize, at: u16, value: i64, now: Duration) {
-        for register in
-            self.registers.iter_mut().filter(|register| register.line == line && register.at == at)
-        {
-            (register.value, register.moved_at, register.is_news) = (value, Some(now), true);
+        for (place, register) in self.registers.iter_mut().enumerate() {
+            if (register.line, register.at) == (line, at) {
+                self.panel.touched(place);
+                (register.value, register.moved_at, register.is_news) = (value, Some(now), true);
+            }
         }
         if line == PLC {
             self.taken = None;
@@ -275,6 +342,47 @@ impl Laws {
 }
 
 impl Register {
+    /// Returns why a change to this value is against the laws, if it is. It may rest on a reading, on a value in other settings that no
+    /// check could have shown yet, or on nothing if it is the way back from such values.
+    fn forbids(
+        &self,
+        sent: i64,
+        (read_at, misread_at): ([Option<Duration>; 2], [Option<Duration>; 2]),
+        (panel, index): (&Panel, usize),
+        wanted: f64,
+        now: Duration,
+    ) -> Option<String> {
+        let name = self.name;
+        let age = |asked: Option<Duration>| Some(now.saturating_sub(asked?));
+        let is_recent = |age: Option<Duration>| age.is_some_and(|age| age <= MAX_AGE + LOOK);
+        let (age, misread) = (age(read_at[self.channel]), age(misread_at[self.channel]));
+        // Counts of ours, if the gateway knows what the operator's are.
+        let his = (self.is_known() && self.lost.is_none()).then_some(self.his);
+        let ours = self.shown.zip(his).map(|((_, shown), his)| (shown - his, sent - his));
+        if is_recent(misread) {
+            let (_, sent) = ours?;
+            let moved = panel.too_far(index, sent, now)?;
+            return Some(format!("panel: {name} moves by {moved} counts on values in other settings"));
+        }
+        let may_go_back = panel.may_go_back(index, now);
+        if may_go_back && ours.is_none_or(|(shown, sent)| panel.leads_back(index, shown, sent)) {
+            return None;
+        }
+        if !is_recent(age) {
+            let since = panel.changed_for(now);
+            let since = since.map(|since| format!(", {since:?} after the settings were changed"));
+            let since = since.unwrap_or_default();
+            return Some(format!("R3: {name} is changed to {sent} on readings {age:?} old{since}"));
+        }
+        // A control that refused it is sent the same again, while its axis keeps its value.
+        let is_repeated = self.sent.last().is_some_and(|(_, last)| *last == sent);
+        let (shown, sent) = ours.filter(|_| !is_repeated)?;
+        let off = |ours: i64| (ours as f64 - 10.0 * wanted).abs();
+        let leads_away = off(sent) > off(shown) + AWAY;
+        leads_away
+            .then(|| format!("R11: {name} is changed from {shown} to {sent}, and {wanted} µm are required"))
+    }
+
     /// The gateway was shown what somebody else did last.
     pub(crate) fn is_known(&self) -> bool {
         self.moved_at.is_none_or(|moved| self.shown.is_some_and(|(at, _)| at > moved))

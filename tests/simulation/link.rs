@@ -9,13 +9,17 @@ use rand::RngExt;
 use rand_pcg::Pcg32;
 
 use crate::laws::Rests;
-use crate::machine::{LINES, Machine, Question, SCALE, SENSORS, value};
+use crate::machine::{
+    CNC, EXPECTED, LINES, Machine, OPEN, PLC, Question, SCALE, SENSORS, TYPE_CODE, channel, value,
+};
 use crate::nodes::Servers;
 use crate::script::left_of_storm;
+use crate::serial_side::{Delay, PATIENCE, SerialSide};
 use crate::time::Passage;
 
 /// How long anything is on its way at most; the gateway is told 30 s.
 pub(crate) const LATE: Duration = Duration::from_millis(29_500);
+const SECOND: Duration = Duration::from_secs(1);
 const MILLI: Duration = Duration::from_millis(1);
 const HEADER: usize = 7;
 
@@ -44,6 +48,8 @@ pub(crate) enum Fate {
     CutBefore,
     /// The connection ends after it was done.
     CutAfter,
+    /// It is done, and its unit answers this long after its gateway has given up, with this exception or silently.
+    Late(Duration, Option<u8>),
     /// It is done, and the computer sleeps for so long before it looks at the answer.
     Asleep(Duration),
     /// The gateway is killed before it is done.
@@ -67,6 +73,8 @@ pub(crate) enum Weather {
     Garbling(u32),
     Refusing(u8),
     Closing(u32),
+    /// Of a hundred, so many are answered after the gateway to the serial line has given up, with this exception or silently.
+    Shifting(u32, Option<u8>),
     Unreachable,
 }
 
@@ -88,7 +96,8 @@ struct Coming {
     bytes: Vec<u8>,
     asked_at: Duration,
     asked: Question,
-    /// When the device saw the question.
+    /// The question to which the device gave it, and when the device saw that.
+    answers: Question,
     seen_at: Duration,
     /// Nothing has changed it on its way.
     is_sound: bool,
@@ -106,6 +115,8 @@ pub(crate) struct Line {
     coming: VecDeque<Coming>,
     /// When it was last used.
     pub(crate) used_at: Duration,
+    /// A write that was not answered, or a control that did not take it, keeps the gateway waiting until then.
+    waits_until: Duration,
 }
 
 /// Something that happened, small enough to be noted each time.
@@ -134,12 +145,18 @@ pub(crate) struct Counts {
     pub(crate) faults: u64,
     pub(crate) runs: u64,
     pub(crate) arrived_late: u64,
+    /// Changes of the settings at the panel of the module with the thermocouples.
+    pub(crate) settings: u64,
+    /// Answers of that module which a gateway did not wait for.
+    pub(crate) late_answers: u64,
 }
 
 /// Everything outside of the gateway.
 pub(crate) struct World {
     pub(crate) machine: Machine,
     pub(crate) lines: [Line; LINES.len()],
+    /// What the module with the thermocouples is behind.
+    serial: SerialSide,
     pub(crate) random: Pcg32,
     pub(crate) passage: Passage,
     pub(crate) counts: Counts,
@@ -173,10 +190,12 @@ impl World {
             is_open: false,
             coming: VecDeque::new(),
             used_at: Duration::ZERO,
+            waits_until: Duration::ZERO,
         };
         World {
             machine,
             lines: [200, 200, 200, 80, 80].map(|timeout| line(timeout * MILLI)),
+            serial: SerialSide::default(),
             random,
             passage,
             counts: Counts::default(),
@@ -243,6 +262,7 @@ impl World {
                         bytes,
                         asked_at: flight.asked_at,
                         asked: flight.asked,
+                        answers: flight.asked,
                         seen_at: flight.due,
                         is_sound: true,
                     };
@@ -287,6 +307,7 @@ impl World {
             return None;
         }
         self.newest += 1;
+        self.machine.laws.connects(line);
         let line = &mut self.lines[line];
         (line.connection, line.is_open) = (self.newest, true);
         line.coming.clear();
@@ -299,6 +320,18 @@ impl World {
             line.weather = Weather::Fair;
         }
         line.weather
+    }
+
+    /// Returns whether nothing fails on this line, nor keeps the gateway waiting.
+    fn is_fair(&mut self, line: usize, now: Duration) -> bool {
+        let has_fair_weather = self.weather(line, now) == Weather::Fair;
+        has_fair_weather && self.lines[line].next.is_none() && now >= self.lines[line].waits_until
+    }
+
+    /// Until then, and for as long as a late write is waited for, a gateway may have to wait on this line.
+    pub(crate) fn keeps_waiting(&mut self, line: usize, until: Duration) {
+        let waits_until = &mut self.lines[line].waits_until;
+        *waits_until = (*waits_until).max(until + LATE + 2 * SECOND);
     }
 
     fn fate(&mut self, line: usize, asked: Question, now: Duration) -> Fate {
@@ -326,6 +359,10 @@ impl World {
             Weather::Refusing(code) if asked.is_write() => Fate::Refused(code),
             Weather::Closing(share) if percent < share && percent % 2 == 0 => Fate::CutBefore,
             Weather::Closing(share) if percent < share => Fate::CutAfter,
+            Weather::Shifting(share, code) if percent < share => {
+                // A gateway that is waited for has its answer within three timeouts more.
+                Fate::Late(MILLI * self.random.random_range(10..540), code)
+            }
             _ => Fate::Done,
         }
     }
@@ -340,19 +377,31 @@ impl World {
         self.lines[line].used_at = now;
         let asked = frame.get(HEADER..).map_or(Question::Nonsense, Question::of);
         let transaction = [frame[0], frame[1]];
+        let is_fair = self.is_fair(line, now);
+        self.machine.laws.asks(line, now, is_fair);
         let fate = self.fate(line, asked, now);
         self.counts.exchanges += 1;
         self.counts.writes += u64::from(asked.is_write());
+        self.counts.late_answers += u64::from(matches!(fate, Fate::Late(..)));
         self.note(now, Note::Asked(line, brief(asked), fate));
         if line == SENSORS && self.machine.is_without_module(now) {
             self.lines[line].is_open = false;
             return;
         }
         let corrected = self.machine.laws.corrected;
-        let rests = self.machine.laws.leaves(line, asked, now);
+        let wanted = self.machine.wanted(now);
+        let rests = self.machine.laws.leaves(line, asked, wanted, now);
         if matches!(fate, Fate::Refused(_)) {
             // The readout shows what it showed before.
             self.machine.laws.corrected = corrected;
+        }
+        let is_answered = match fate {
+            Fate::Done => true,
+            Fate::Slow(span) => span < self.lines[line].timeout,
+            _ => false,
+        };
+        if asked.is_write() && !is_answered && [CNC, PLC].contains(&line) {
+            self.keeps_waiting(line, now);
         }
         if let Fate::Held(span) = fate {
             let due = now + span.min(LATE);
@@ -368,9 +417,20 @@ impl World {
             }
             answer = self.machine.answer(line, asked, now).unwrap_or(answer);
         }
-        let mut at = now;
+        let (mut at, mut answers, mut seen_at) = (now, asked, now);
+        if line == SENSORS
+            && let Some(delay) = on_serial_side(fate)
+        {
+            // Without an answer the gateway has given up silently.
+            let Some(passed) = self.serial.pass(asked, answer, delay, now) else { return };
+            (at, answer, (answers, seen_at)) = (passed.at, passed.message, passed.of);
+            if answers != asked {
+                let after = at.saturating_sub(now).subsec_millis();
+                self.did(now, "the answer to another question comes after ms", u64::from(after));
+            }
+        }
         match fate {
-            Fate::Slow(span) => at = now + span,
+            Fate::Slow(span) => at += span,
             Fate::DoneAndDenied(code) | Fate::Refused(code) => answer = denied(asked, code),
             Fate::Asleep(span) => self.passage.suspend(span.min(left_of_storm(now))),
             Fate::KilledBefore | Fate::KilledAfter => self.kill(),
@@ -392,7 +452,7 @@ impl World {
         }
         if self.lines[line].connection == connection {
             let is_sound = !matches!(fate, Fate::Corrupted(_));
-            let coming = Coming { at, bytes, asked_at: now, asked, seen_at: now, is_sound };
+            let coming = Coming { at, bytes, asked_at: now, asked, answers, seen_at, is_sound };
             self.lines[line].coming.push_back(coming);
         }
     }
@@ -413,7 +473,7 @@ impl World {
             Some(first) if first.at <= now => {
                 let Some(coming) = line.coming.pop_front() else { return Heard::End };
                 if coming.is_sound && now.saturating_sub(coming.asked_at) <= line.timeout + 2 * MILLI {
-                    self.tell_laws(place, &coming);
+                    self.tell_laws(place, &coming, now);
                 }
                 Heard::Bytes(coming.bytes)
             }
@@ -429,24 +489,32 @@ impl World {
     }
 
     /// The gateway was answered, in time and in order.
-    fn tell_laws(&mut self, line: usize, coming: &Coming) {
+    fn tell_laws(&mut self, line: usize, coming: &Coming, now: Duration) {
         let message = &coming.bytes[HEADER.min(coming.bytes.len())..];
         let Question::Read { function, at, .. } = coming.asked else { return };
-        if message.first() != Some(&function) || message.len() < 4 {
+        // A value that belongs to another question is none of this one's.
+        if message.first() != Some(&function) || message.len() < 4 || coming.answers != coming.asked {
             return;
         }
         let data = &message[2..];
         let is_of_other = self.machine.has_other_module(coming.seen_at);
+        let is_set_otherwise = self.machine.has_other_settings(coming.seen_at);
+        let asked_at = coming.asked_at.min(coming.seen_at);
         let laws = &mut self.machine.laws;
         match line {
             // A reading of another module is none.
             SENSORS if function == 4 && !is_of_other => {
-                for channel in 0..2 {
-                    let raw = value(u16::from_be_bytes([data[2 * channel], data[2 * channel + 1]]));
-                    if raw != i64::from(i16::MIN) {
-                        laws.read(channel, coming.asked_at);
+                for (channel, two) in (at..).map_while(channel).zip(data.chunks_exact(2)) {
+                    match value(u16::from_be_bytes([two[0], two[1]])) {
+                        OPEN => {}
+                        _ if is_set_otherwise => laws.misread(channel, asked_at),
+                        _ => laws.read(channel, asked_at),
                     }
                 }
+            }
+            SENSORS if at == TYPE_CODE => {
+                let is_expected = value(u16::from_be_bytes([data[0], data[1]])) == i64::from(EXPECTED);
+                laws.checks(is_expected, coming.seen_at, now);
             }
             SCALE => {
                 let position = data.iter().take(4).fold(0, |sum, byte| sum << 8 | i64::from(*byte));
@@ -476,12 +544,17 @@ fn brief(asked: Question) -> Brief {
     }
 }
 
+/// Returns what the serial side of a gateway does with a question of this fate. `None` if it does not come to that.
+fn on_serial_side(fate: Fate) -> Option<Option<Delay>> {
+    match fate {
+        Fate::Done | Fate::Slow(_) => Some(None),
+        Fate::Late(after, code) => Some(Some((PATIENCE + after, code))),
+        _ => None,
+    }
+}
+
 fn denied(asked: Question, code: u8) -> Vec<u8> {
-    let function = match asked {
-        Question::Read { function, .. } | Question::Write { function, .. } => function,
-        Question::Nonsense => 0,
-    };
-    vec![function | 0x80, code]
+    vec![asked.function() | 0x80, code]
 }
 
 fn framed(transaction: [u8; 2], message: &[u8]) -> Vec<u8> {

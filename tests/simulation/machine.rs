@@ -14,7 +14,7 @@ pub(crate) const READOUT: usize = 4;
 pub(crate) const LINES: [&str; 5] = ["sensors", "cnc", "plc", "scale", "readout"];
 
 /// What a module says of an open thermocouple.
-const OPEN: i16 = i16::MIN;
+pub(crate) const OPEN: i64 = -32_768;
 
 /// Registers of the profile.
 pub(crate) const X: u16 = 10;
@@ -27,7 +27,7 @@ pub(crate) const CORRECTED: u16 = 40;
 pub(crate) const BEAT: u16 = 50;
 /// Type code of the module with the thermocouples.
 pub(crate) const TYPE_CODE: u16 = 60;
-const EXPECTED: u16 = 7;
+pub(crate) const EXPECTED: u16 = 7;
 /// Another module is put in or taken out within this time.
 const EXCHANGE: Duration = Duration::from_secs(3);
 
@@ -39,13 +39,26 @@ pub(crate) struct Machine {
     pub(crate) open_until: [Duration; 2],
     /// Another module answers in the place of that with the thermocouples, from and to.
     pub(crate) other_module: (Duration, Duration),
+    /// Settings of the module that were changed at its panel.
+    panel: Settings,
     strobe: bool,
     acknowledge: bool,
     /// The PLC does not look at its strobe until then.
     pub(crate) deaf_until: Duration,
     taken_sequence: u16,
     phases: [f64; 4],
+    /// Temperatures about which bed and column move.
+    bases: [f64; 2],
     pub(crate) laws: Laws,
+}
+
+/// Other settings of the module, from and to, and how it counts meanwhile.
+#[derive(Clone, Copy, Debug, Default)]
+struct Settings {
+    from: Duration,
+    to: Duration,
+    /// Counts for a degree.
+    counts: u16,
 }
 
 /// A question, as the device understands it.
@@ -82,19 +95,28 @@ impl Question {
     pub(crate) fn is_write(self) -> bool {
         matches!(self, Question::Write { .. })
     }
+
+    pub(crate) fn function(self) -> u8 {
+        match self {
+            Question::Read { function, .. } | Question::Write { function, .. } => function,
+            Question::Nonsense => 0,
+        }
+    }
 }
 
 impl Machine {
-    pub(crate) fn new(phases: [f64; 4], laws: Laws) -> Machine {
+    pub(crate) fn new(phases: [f64; 4], bases: [f64; 2], laws: Laws) -> Machine {
         let mut machine = Machine {
             holding: [[0; 64]; LINES.len()],
             open_until: [Duration::ZERO; 2],
             other_module: (Duration::ZERO, Duration::ZERO),
+            panel: Settings::default(),
             strobe: false,
             acknowledge: false,
             deaf_until: Duration::ZERO,
             taken_sequence: 0,
             phases,
+            bases,
             laws,
         };
         for (line, at, value) in machine.laws.standing() {
@@ -107,7 +129,13 @@ impl Machine {
     pub(crate) fn temperature(&self, channel: usize, now: Duration) -> f64 {
         let turn = |period: f64, phase: f64| (TAU * (now.as_secs_f64() / period + phase)).sin();
         let (slow, quick) = (self.phases[2 * channel], self.phases[2 * channel + 1]);
-        20.0 + 4.0 * turn(9000.0 + 3000.0 * slow, slow) + 0.6 * turn(420.0, quick)
+        self.bases[channel] + 4.0 * turn(9000.0 + 3000.0 * slow, slow) + 0.6 * turn(420.0, quick)
+    }
+
+    /// Micrometres that the temperatures require of x, y, z, w and u.
+    pub(crate) fn wanted(&self, now: Duration) -> [f64; 5] {
+        let [bed, column] = [0, 1].map(|channel| self.temperature(channel, now) - self.bases[channel]);
+        [(2.0 * bed).clamp(-8.0, 8.0), -2.0 * column, 1.5 * bed, 1.5 * column, 2.0 * column]
     }
 
     /// Micrometres.
@@ -122,15 +150,16 @@ impl Machine {
     pub(crate) fn answer(&mut self, line: usize, asked: Question, now: Duration) -> Option<Vec<u8>> {
         match asked {
             Question::Read { function: 3, at: TYPE_CODE, .. } if line == SENSORS => {
-                Some(registers(3, &[EXPECTED + u16::from(self.has_other_module(now))]))
+                Some(registers(3, &[self.type_code(now)]))
             }
             Question::Read { function: 3, at, count } => {
                 let words = self.holding[line].get(usize::from(at)..usize::from(at) + usize::from(count))?;
                 Some(registers(3, words))
             }
-            Question::Read { function: 4, .. } if line == SENSORS => {
-                let words = [0, 1].map(|channel| self.raw(channel, now));
-                Some(registers(4, &words))
+            Question::Read { function: 4, at, count } if line == SENSORS => {
+                let raw = |at| Some(self.raw(channel(at)?, now));
+                let words: Option<Vec<u16>> = (at..at.saturating_add(count)).map(raw).collect();
+                Some(registers(4, &words?))
             }
             Question::Read { function: 4, .. } if line == SCALE => {
                 let [a, b, c, d] = self.position(now).to_be_bytes();
@@ -170,12 +199,31 @@ impl Machine {
         to > from && [from, to].iter().any(|begin| (*begin..*begin + EXCHANGE).contains(&now))
     }
 
+    /// The module counts otherwise from now on for so long, and its type code says so.
+    pub(crate) fn sets(&mut self, counts: u16, now: Duration, span: Duration) {
+        self.panel = Settings { from: now, to: now + span, counts };
+        self.laws.settings_change(now);
+    }
+
+    /// Returns whether the module is set otherwise.
+    pub(crate) fn has_other_settings(&self, now: Duration) -> bool {
+        (self.panel.from..self.panel.to).contains(&now)
+    }
+
+    fn type_code(&self, now: Duration) -> u16 {
+        EXPECTED + u16::from(self.has_other_module(now)) + 2 * u16::from(self.has_other_settings(now))
+    }
+
     fn raw(&self, channel: usize, now: Duration) -> u16 {
         if now < self.open_until[channel] {
-            return word(i64::from(OPEN));
+            return word(OPEN);
         }
-        // The other module counts tenths of a degree.
-        let counts = if self.has_other_module(now) { 10.0 } else { 100.0 };
+        let counts = match (self.has_other_module(now), self.has_other_settings(now)) {
+            // The other module counts tenths of a degree.
+            (true, _) => 10.0,
+            (_, true) => f64::from(self.panel.counts),
+            _ => 100.0,
+        };
         #[allow(clippy::cast_possible_truncation, reason = "hundredths of a degree")]
         let raw = (counts * self.temperature(channel, now)).round() as i64;
         word(raw)
@@ -214,6 +262,15 @@ impl Machine {
 
     pub(crate) fn stands(&self, line: usize, at: u16) -> i64 {
         value(self.holding[line][usize::from(at)])
+    }
+}
+
+/// Channel of an input register: bed, column, and column at the place where it must be asked for by itself.
+pub(crate) fn channel(at: u16) -> Option<usize> {
+    match at {
+        0 => Some(0),
+        1 | 100 => Some(1),
+        _ => None,
     }
 }
 

@@ -12,8 +12,11 @@ mod link;
 mod machine;
 mod many;
 mod nodes;
+mod panel;
 mod people;
+mod scene;
 mod script;
+mod serial_side;
 mod stream;
 mod time;
 
@@ -21,6 +24,7 @@ use std::time::Duration;
 
 use day::Without;
 use many::Many;
+use scene::Scene;
 
 const HOUR: Duration = Duration::from_secs(3600);
 const DAY: Duration = Duration::from_secs(8 * 3600);
@@ -36,16 +40,27 @@ const DAY: Duration = Duration::from_secs(8 * 3600);
 ///   axes moved back to what they had held before, without readings.
 const MENDED: [u64; 6] = [22, 754, 914, 1_795_833_836, 1_795_872_391, 621_073_451_707];
 
+/// The same of changes at a panel:
+/// - 43: a control refused a change. The axis kept that value after the change at the panel was found, and the control was asked for it again.
+/// - 59: the check read another value, and was refused when all checks were read after that. The readings were used as before.
+const MENDED_AT_A_PANEL: [u64; 2] = [43, 59];
+
 #[test]
 fn a_seed_repeats_its_day_bit_for_bit() {
-    let profile = day::profile();
-    let first = day::run(&profile, 1, 2 * HOUR, Without::Nothing);
-    assert_eq!(first, day::run(&profile, 1, 2 * HOUR, Without::Nothing));
+    let scene = Scene::usual(day::profile());
+    let first = day::run(&scene, 1, 2 * HOUR, Without::Nothing);
+    assert_eq!(first, day::run(&scene, 1, 2 * HOUR, Without::Nothing));
 }
 
 #[test]
 fn every_seed_whose_defect_is_mended_holds_the_laws() {
-    let many = Many::run(&day::profile(), &MENDED, DAY, 2, Without::Nothing);
+    let many = Many::run(&Scene::usual(day::profile()), &MENDED, DAY, 2, Without::Nothing);
+    assert_eq!(many.broken, [], "{many}");
+}
+
+#[test]
+fn every_seed_with_a_panel_whose_defect_is_mended_holds_the_laws() {
+    let many = Many::run(&Scene::panel(day::TEXT), &MENDED_AT_A_PANEL, 3 * HOUR, 2, Without::Nothing);
     assert_eq!(many.broken, [], "{many}");
 }
 
@@ -62,7 +77,8 @@ fn fresh_seeds_hold_the_laws() {
     let (first, count) = (number("TEST_FRESH_SEEDS_FROM", 1), number("TEST_SEEDS", 10));
     let hours = number("TEST_SEED_HOURS", 4);
     let seeds: Vec<u64> = (first..first + count).collect();
-    let many = Many::run(&day::profile(), &seeds, HOUR * u32::try_from(hours).unwrap(), 2, Without::Nothing);
+    let (scene, span) = (Scene::usual(day::profile()), HOUR * u32::try_from(hours).unwrap());
+    let many = Many::run(&scene, &seeds, span, 2, Without::Nothing);
     assert_eq!(many.broken, [], "TEST_FRESH_SEEDS_FROM={first} TEST_SEED_HOURS={hours}: {many}");
     assert!(many.counts.faults > 25 * hours * count && many.changes > 250 * hours * count, "{many}");
 }
@@ -71,7 +87,7 @@ fn fresh_seeds_hold_the_laws() {
 fn sensors_and_control_that_are_servers_of_nodes_hold_the_same_laws() {
     // Two, and six in depth.
     let seeds: Vec<u64> = (1..=number("TEST_SEEDS", 10) / 5).collect();
-    let many = Many::run(&day::profile_of_nodes(), &seeds, DAY, 2, Without::Nothing);
+    let many = Many::run(&Scene::usual(day::profile_of_nodes()), &seeds, DAY, 2, Without::Nothing);
     assert_eq!(many.broken, [], "{many}");
     let count = seeds.len() as u64;
     assert!(many.counts.faults > 200 * count && many.changes > 2000 * count, "{many}");
@@ -80,7 +96,8 @@ fn sensors_and_control_that_are_servers_of_nodes_hold_the_same_laws() {
 /// Another module is put in the place of that with the thermocouples. Without a check its readings move the machine.
 #[test]
 fn without_checks_the_simulation_finds_readings_of_another_module() {
-    let many = Many::run(&day::profile_without_checks(), &[1, 2], DAY, 2, Without::Nothing);
+    let scene = Scene::usual(day::profile_without_checks());
+    let many = Many::run(&scene, &[1, 2], DAY, 2, Without::Nothing);
     assert!(many.broken.iter().any(|(_, story)| story.contains("R3")), "{many}");
 }
 
@@ -89,13 +106,49 @@ fn without_checks_the_simulation_finds_readings_of_another_module() {
 fn without_the_age_that_begins_with_the_question_the_simulation_finds_old_readings() {
     // The fourth finds some soon.
     let seeds: Vec<u64> = std::iter::once(4).chain(1..=40).collect();
-    let many = Many::run(&day::profile(), &seeds, DAY, 1, Without::Age);
+    let many = Many::run(&Scene::usual(day::profile()), &seeds, DAY, 1, Without::Age);
     assert!(many.broken.iter().any(|(_, story)| story.contains("R3")), "{many}");
 }
 
 /// A server that is restarted has its namespaces in another order. By their indices alone, another machine is read and written.
 #[test]
 fn without_the_uris_behind_the_indices_the_simulation_finds_writes_to_another_machine() {
-    let many = Many::run(&day::profile_of_nodes(), &[1, 2], DAY, 1, Without::Uris);
+    let many = Many::run(&Scene::usual(day::profile_of_nodes()), &[1, 2], DAY, 1, Without::Uris);
     assert!(many.broken.iter().any(|(_, story)| story.contains("another machine")), "{many}");
+}
+
+/// Seeds for the events that only some machines have.
+fn seeds_beyond() -> Vec<u64> {
+    let (first, count) = (number("TEST_FRESH_SEEDS_FROM", 1), number("TEST_SEEDS", 10));
+    (first..first + count).collect()
+}
+
+#[test]
+fn changes_at_a_panel_move_nothing_for_longer_than_a_period_of_the_check_and_are_walked_back() {
+    let seeds = seeds_beyond();
+    let many = Many::run(&Scene::panel(day::TEXT), &seeds, 3 * HOUR, 2, Without::Nothing);
+    assert_eq!(many.broken, [], "TEST_FRESH_SEEDS_FROM={}: {many}", seeds[0]);
+    assert!(many.counts.settings > seeds.len() as u64 && many.went_back > 0, "{many}");
+}
+
+#[test]
+fn without_checks_the_simulation_finds_values_in_other_settings() {
+    let scene = Scene::panel(&day::text_without_checks());
+    let many = Many::run(&scene, &[1, 2, 3], HOUR, 2, Without::Nothing);
+    let is_found = |story: &str| story.contains("R3") && story.contains("after the settings were changed");
+    assert!(many.broken.iter().any(|(_, story)| is_found(story)), "{many}");
+}
+
+#[test]
+fn answers_that_a_gateway_shifts_move_nothing() {
+    let seeds = seeds_beyond();
+    let many = Many::run(&Scene::gateway(true), &seeds, HOUR, 2, Without::Nothing);
+    assert_eq!(many.broken, [], "TEST_FRESH_SEEDS_FROM={}: {many}", seeds[0]);
+    assert!(many.counts.late_answers > 10 * seeds.len() as u64, "{many}");
+}
+
+#[test]
+fn without_the_wait_for_late_answers_the_simulation_finds_exchanged_values() {
+    let many = Many::run(&Scene::gateway(false), &[1, 3], HOUR, 2, Without::Nothing);
+    assert!(many.broken.iter().any(|(_, story)| story.contains("R11")), "{many}");
 }

@@ -6,10 +6,9 @@ use std::sync::{Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use isotherm_profile::Profile;
-
 use crate::day::{self, Outcome, Without};
 use crate::link::Counts;
+use crate::scene::Scene;
 use crate::time::Stopwatch;
 
 /// What came of many seeds.
@@ -21,6 +20,7 @@ pub(crate) struct Many {
     pub(crate) counts: Counts,
     pub(crate) changes: u64,
     pub(crate) taken: u64,
+    pub(crate) went_back: u64,
     /// The seeds that broke a law, and how.
     pub(crate) broken: Vec<(u64, String)>,
 }
@@ -28,7 +28,7 @@ pub(crate) struct Many {
 impl Many {
     /// Runs these seeds, each for `span`. Without a rule it ends with the first that breaks a law.
     pub(crate) fn run(
-        profile: &Profile,
+        scene: &Scene,
         seeds: &[u64],
         span: Duration,
         threads: usize,
@@ -44,7 +44,7 @@ impl Many {
                         if is_over.load(Ordering::Relaxed) {
                             break;
                         }
-                        let outcome = day::run(profile, *seed, span, without);
+                        let outcome = day::run(scene, *seed, span, without);
                         is_over.fetch_or(
                             without != Without::Nothing && outcome.breach.is_some(),
                             Ordering::Relaxed,
@@ -65,10 +65,13 @@ impl Many {
         sum.faults += more.faults;
         sum.runs += more.runs;
         sum.arrived_late += more.arrived_late;
+        sum.settings += more.settings;
+        sum.late_answers += more.late_answers;
         self.seeds += 1;
         self.hours += outcome.ran.as_secs_f64() / 3600.0;
         self.changes += outcome.changes;
         self.taken += outcome.taken;
+        self.went_back += outcome.went_back;
         self.broken.extend(outcome.breach.map(|story| (seed, story)));
     }
 }
@@ -78,7 +81,7 @@ impl fmt::Display for Many {
         for (seed, story) in self.broken.iter().take(3) {
             writeln!(f, "seed {seed}, its last events:\n{story}")?;
         }
-        let Counts { exchanges, writes, faults, runs, arrived_late } = self.counts;
+        let Counts { exchanges, writes, faults, runs, arrived_late, settings, late_answers } = self.counts;
         writeln!(
             f,
             "{} seeds, {:.0} machine hours in {:.0} s: {:.0} a minute",
@@ -92,6 +95,13 @@ impl fmt::Display for Many {
             "{exchanges} exchanges, {writes} writes, {} of them changes, {arrived_late} late, {} sets taken",
             self.changes, self.taken
         )?;
+        if settings + late_answers > 0 {
+            writeln!(
+                f,
+                "{settings} changes at a panel, {} registers that went back, {late_answers} answers later than a gateway waits",
+                self.went_back
+            )?;
+        }
         write!(f, "{faults} faults, {runs} starts of a gateway; violations: {}", self.broken.len())?;
         self.broken.iter().try_for_each(|(seed, _)| write!(f, ", seed {seed}"))
     }

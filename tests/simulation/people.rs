@@ -17,6 +17,8 @@ const TOLD_WITHIN: Duration = Duration::from_secs(60);
 /// A heartbeat of one a second has counted in so long.
 const BEATS_WITHIN: Duration = Duration::from_secs(3);
 
+const AXES: [&str; 4] = ["x", "y", "z", "w"];
+
 #[derive(Clone, Debug, Default)]
 pub(crate) struct People {
     /// How often somebody was said to have changed a register.
@@ -71,6 +73,7 @@ impl People {
             }
         }
         world.note(now, Note::Did("a person arms", 0));
+        world.machine.laws.arms(|axis| !armed(&status, axis));
         let _ = source.command(Command::Arm, None, &Arc::new(Asker::new(Way::Api, "a person")));
     }
 
@@ -95,11 +98,11 @@ impl People {
         world.pass(now);
         let status = source.status();
         let wrong = |what: String| Some(format!("at the end of a calm {what}; {}", reported(&status)));
-        for (axis, register) in ["x", "y", "z", "w"].into_iter().zip(&world.machine.laws.registers) {
+        let wanted = world.machine.wanted(now);
+        for ((axis, wanted), register) in AXES.into_iter().zip(wanted).zip(&world.machine.laws.registers) {
             if !armed(&status, axis) {
                 return wrong(format!("{axis} is off"));
             }
-            let wanted = wanted(world, axis, now);
             let ours = (register.value - register.his) as f64 / 10.0;
             if (ours - wanted).abs() > TOLERANCE {
                 let (value, his) = (register.value, register.his);
@@ -109,7 +112,7 @@ impl People {
             }
         }
         let cz = world.machine.laws.corrected.map(|cz| cz as f64 / 10.0);
-        let wanted_u = wanted(world, "u", now);
+        let [.., wanted_u] = wanted;
         if cz.is_none_or(|cz| (cz - wanted_u).abs() > TOLERANCE) {
             return wrong(format!("u is corrected by {cz:?}, not {wanted_u}"));
         }
@@ -128,17 +131,6 @@ fn armed(status: &Status, axis: &str) -> bool {
 fn reported(status: &Status) -> String {
     let lines = status.events.iter().rev().take(25).rev();
     lines.map(|event| format!("\n    {} {}: {}", event.at, event.kind, event.text)).collect()
-}
-
-fn wanted(world: &World, axis: &str, now: Duration) -> f64 {
-    let (bed, column) = (world.machine.temperature(0, now) - 20.0, world.machine.temperature(1, now) - 20.0);
-    match axis {
-        "x" => (2.0 * bed).clamp(-8.0, 8.0),
-        "y" => -2.0 * column,
-        "z" => 1.5 * bed,
-        "w" => 1.5 * column,
-        _ => 2.0 * column,
-    }
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "tenths of a micrometre")]

@@ -7,6 +7,7 @@ use rand_pcg::Pcg32;
 
 use crate::link::{Fate, LATE, Weather, World};
 use crate::machine::{CNC, LINES, PLC, SCALE, SENSORS};
+use crate::scene::Beyond;
 
 const SECOND: Duration = Duration::from_secs(1);
 const MILLI: Duration = Duration::from_millis(1);
@@ -25,6 +26,8 @@ pub(crate) enum Happening {
     OpenWire(usize, Duration),
     /// Another module in the place of that with the thermocouples.
     OtherModule(Duration),
+    /// The module is set at its panel to so many counts for a degree.
+    Panel(u16, Duration),
     Restart(usize, bool),
     Deaf(Duration),
     /// The operator adds so many counts to what stands in his register.
@@ -41,20 +44,20 @@ pub(crate) enum Happening {
 }
 
 /// The next happening after this moment, and what it is.
-pub(crate) fn next(random: &mut Pcg32, now: Duration) -> (Duration, Happening) {
+pub(crate) fn next(random: &mut Pcg32, beyond: Beyond, now: Duration) -> (Duration, Happening) {
     let round = ROUND * u32::try_from(now.as_secs() / ROUND.as_secs()).unwrap_or_default();
     let gap = exponential(random, 60.0);
     let at = now + gap;
     if now < round + STORM {
         if at < round + STORM {
-            return (at, draw(random, round + STORM - at));
+            return (at, draw(random, beyond, round + STORM - at));
         }
         return (round + STORM, Happening::Calm);
     }
     if now < round + LOOKED_AT {
         return (round + LOOKED_AT, Happening::Look);
     }
-    (round + ROUND + gap, draw(random, STORM))
+    (round + ROUND + gap, draw(random, beyond, STORM))
 }
 
 /// Nothing that was drawn in a storm happens in its calm.
@@ -69,7 +72,10 @@ fn exponential(random: &mut Pcg32, mean: f64) -> Duration {
 }
 
 /// `left`: of the storm.
-fn draw(random: &mut Pcg32, left: Duration) -> Happening {
+fn draw(random: &mut Pcg32, beyond: Beyond, left: Duration) -> Happening {
+    if let Some(happening) = draw_beyond(random, beyond, left) {
+        return happening;
+    }
     let line = random.random_range(0..LINES.len());
     let control = [CNC, PLC][random.random_range(0..2)];
     let seconds = |random: &mut Pcg32, most: u32| SECOND * random.random_range(1..=most);
@@ -133,6 +139,27 @@ fn draw(random: &mut Pcg32, left: Duration) -> Happening {
     }
 }
 
+/// Draws whether an event happens that only some machines have, and that event. It takes nothing from the usual days.
+fn draw_beyond(random: &mut Pcg32, beyond: Beyond, left: Duration) -> Option<Happening> {
+    if beyond == Beyond::Nothing || random.random_range(0..100) >= beyond.share() {
+        return None;
+    }
+    match beyond {
+        Beyond::Nothing => None,
+        Beyond::Panel => {
+            // Whole degrees, tenths, and two that are harder to see.
+            let counts = [1, 10, 80, 120][random.random_range(0..4)];
+            // It is set right before the storm is over.
+            Some(Happening::Panel(counts, (SECOND * random.random_range(10..240)).min(left)))
+        }
+        Beyond::Shifts => {
+            let code = [None, Some(10), Some(11)][random.random_range(0..3)];
+            let weather = Weather::Shifting(random.random_range(3..50), code);
+            Some(Happening::Weather(SENSORS, weather, (SECOND * random.random_range(1..=90)).min(left)))
+        }
+    }
+}
+
 /// What happens to lines, devices and the computer.
 pub(crate) fn befalls(world: &mut World, what: Happening, now: Duration) {
     match what {
@@ -158,7 +185,16 @@ pub(crate) fn befalls(world: &mut World, what: Happening, now: Duration) {
             world.machine.other_module = (now, now + span);
             world.did(now, "another module is put in for s", span.as_secs());
         }
-        Happening::Deaf(span) => world.machine.deaf_until = now + span,
+        Happening::Panel(counts, span) if !world.machine.has_other_settings(now) => {
+            let span = span.min(left_of_storm(now));
+            world.machine.sets(counts, now, span);
+            world.counts.settings += 1;
+            world.did(now, "the module is set to other counts for a degree", u64::from(counts));
+        }
+        Happening::Deaf(span) => {
+            world.machine.deaf_until = now + span;
+            world.keeps_waiting(PLC, now + span);
+        }
         Happening::Sleep(span) => {
             let span = span.min(left_of_storm(now));
             world.did(now, "the computer sleeps for s", span.as_secs());

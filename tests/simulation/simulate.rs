@@ -9,17 +9,21 @@ mod link;
 mod machine;
 mod many;
 mod nodes;
+mod panel;
 mod people;
+mod scene;
 mod script;
+mod serial_side;
 mod stream;
 mod time;
 
 use std::process::ExitCode;
 use std::time::Duration;
 
-use clap::Parser;
+use clap::{Args, Parser};
 use day::Without;
 use many::Many;
+use scene::Scene;
 
 /// Runs whole gateways on simulated machines, and holds what they do to the laws of the offset. A seed repeats its day bit
 /// for bit; with SIMULATION_TRACE=1 everything is printed as it happens.
@@ -34,12 +38,40 @@ struct Arguments {
     /// Seeds at the same time.
     #[arg(long, default_value_t = 1)]
     threads: usize,
-    /// Sensors and control are servers of OPC UA.
-    #[arg(long, conflicts_with = "unchecked")]
-    nodes: bool,
-    /// The module with the thermocouples has no checks, so that another one in its place is not noticed.
-    #[arg(long)]
+    #[command(flatten)]
+    machine: Machine,
+    /// A rule is taken out, and a law is broken. The module with the thermocouples has no checks, so that neither another one in its place
+    /// nor other settings are noticed. With --gateway nothing waits for late answers.
+    #[arg(long, conflicts_with = "nodes")]
     unchecked: bool,
+}
+
+/// Another machine than the usual one.
+#[derive(Debug, Args)]
+#[group(multiple = false)]
+struct Machine {
+    /// Sensors and control are servers of OPC UA.
+    #[arg(long)]
+    nodes: bool,
+    /// Settings of the module with the thermocouples are changed at its panel.
+    #[arg(long)]
+    panel: bool,
+    /// The module is behind a gateway to a serial line, which gives a late answer to the question that is open then.
+    #[arg(long)]
+    gateway: bool,
+}
+
+impl Machine {
+    fn scene(&self, is_unchecked: bool) -> Scene {
+        match (self, is_unchecked) {
+            (Machine { nodes: true, .. }, _) => Scene::usual(day::profile_of_nodes()),
+            (Machine { panel: true, .. }, true) => Scene::panel(&day::text_without_checks()),
+            (Machine { panel: true, .. }, false) => Scene::panel(day::TEXT),
+            (Machine { gateway: true, .. }, _) => Scene::gateway(!is_unchecked),
+            (_, true) => Scene::usual(day::profile_without_checks()),
+            (_, false) => Scene::usual(day::profile()),
+        }
+    }
 }
 
 fn seeds(text: &str) -> Result<(u64, u64), String> {
@@ -55,14 +87,10 @@ fn seeds(text: &str) -> Result<(u64, u64), String> {
 }
 
 fn main() -> ExitCode {
-    let Arguments { seeds: (first, last), span, threads, nodes, unchecked } = Arguments::parse();
-    let profile = match (nodes, unchecked) {
-        (true, _) => day::profile_of_nodes(),
-        (_, true) => day::profile_without_checks(),
-        _ => day::profile(),
-    };
+    let Arguments { seeds: (first, last), span, threads, machine, unchecked } = Arguments::parse();
+    let scene = machine.scene(unchecked);
     let seeds: Vec<u64> = (first..=last).collect();
-    let many = Many::run(&profile, &seeds, span, threads, Without::Nothing);
+    let many = Many::run(&scene, &seeds, span, threads, Without::Nothing);
     println!("{many}");
     if many.broken.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }

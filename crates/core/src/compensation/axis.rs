@@ -223,7 +223,9 @@ impl Axis {
 
     /// Moves both guards towards the requested values; their values, the targets, and the stages that acted on either.
     fn guarded(&mut self, followed: Option<Chosen>, control: &Control, dt: Duration) -> Guarded {
-        let returns = control.return_to.filter(|_| control.permit == Permit::Armed);
+        // An axis whose output is in trouble goes back, too: the value that could not be written was decided on wrong readings.
+        let returns =
+            control.return_to.filter(|_| matches!(control.permit, Permit::Armed | Permit::Unverified));
         let (wanted, pace) = match (self.state, followed, self.settings.on_fault) {
             (AxisState::Active | AxisState::Degraded, Some(chosen), _) => {
                 (Some((control.sign.unwrap_or(chosen.raw), chosen.slope)), Pace::Follow)

@@ -37,6 +37,19 @@ fn an_axis_that_holds_goes_back_in_steps() {
 }
 
 #[test]
+fn an_output_that_is_in_trouble_is_not_asked_for_what_wrong_readings_required() {
+    let (mut rig, before) = changed_at(10.0, OnFault::Hold);
+    rig.permit(Permit::Unverified);
+    let mut last = rig.after(10.0);
+    for _ in 0..40 {
+        assert_eq!(last.target, before);
+        rig.control.return_to = Some(ReturnTo { cz: before, slope: Micron::ZERO });
+        last = rig.after(10.0);
+    }
+    assert_eq!(last.cz, before);
+}
+
+#[test]
 fn an_interlock_that_is_open_keeps_it_where_it_is() {
     let (mut rig, _) = changed_at(10.0, OnFault::Hold);
     rig.permit(Permit::Held);
