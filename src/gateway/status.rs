@@ -11,6 +11,7 @@ use super::extrapolation;
 use super::lock::LockTimes;
 use super::output::Outputs;
 use super::probing::why_refused;
+use super::releasing;
 use super::reported::Reported;
 use super::shared::Shared;
 use super::sign::SignMemory;
@@ -18,15 +19,15 @@ use super::stand_in;
 use super::why::Reasons;
 use crate::clock::{Synchronised, zone};
 use crate::observe::status::{
-    AxisStatus, BusStatus, DeviceStatus, GainStatus, OutputStatus, ProbeStatus, ProbedStatus, SharesStatus,
-    SignalStatus, Status, WaitingStatus,
+    AxisStatus, BusStatus, DeviceStatus, GainStatus, LeftStatus, OutputStatus, ProbeStatus, ProbedStatus,
+    SharesStatus, SignalStatus, Status, WaitingStatus,
 };
 use isotherm_core::compensation::{Decision, Probe, Stages};
 use isotherm_core::display::Intent;
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
-use isotherm_profile::DeviceId;
+use isotherm_profile::{Axis, DeviceId, Purpose};
 
 struct Picture {
     now: Moment,
@@ -46,6 +47,7 @@ struct Picture {
     contact: Contact,
     /// By device: what is wrong with how it is set.
     wrong: Vec<Option<String>>,
+    left: Vec<LeftStatus>,
     log_dropped: u64,
     lock_times: LockTimes,
 }
@@ -73,6 +75,7 @@ impl Picture {
             wrong: (0..shared.profile.devices.len())
                 .map(|device| core.devices.changed(DeviceId(device)))
                 .collect(),
+            left: releasing::left(&core),
             log_dropped: core.storage.dropped(),
             lock_times: core.lock_times,
         };
@@ -132,6 +135,7 @@ pub(super) fn status(shared: &Shared) -> Status {
         outputs: outputs(shared, &picture),
         alarms: shared.journal.alarms(),
         events,
+        left: picture.left.clone(),
         log_dropped: picture.log_dropped,
         event_counts,
         mqtt: shared.broker.as_ref().map(|figures| figures.read()),
@@ -176,7 +180,8 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
             (decision.state, picture.intent(shared, place)),
             (&picture.contact, shared.dry_run),
         ),
-        waiting: picture.arming[place].asked.as_ref().map(|asked| WaitingStatus {
+        // The request of a release does not expire.
+        waiting: picture.arming[place].asked.as_ref().filter(|_| !is_release(axis)).map(|asked| WaitingStatus {
             asked: asked.by.way.by(&asked.by.who),
             expires_s: asked.until.since(picture.now).as_secs_f64(),
         }),
@@ -202,7 +207,8 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
         error_um: axis.settings.levels.error.map(Micron::get),
         tripped: decision.tripped,
         armed: picture.arming[place].armed,
-        left_off: axis.has_model() && picture.arming[place].is_left_off(&shared.profile),
+        left_off: axis.has_model()
+            && (is_release(axis) || picture.arming[place].is_left_off(&shared.profile)),
         sign: picture.arming[place]
             .sign
             .as_ref()
@@ -218,6 +224,11 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
             .map(|found| stand_in::status(&shared.profile, found, |at| shared.clock.stamp(at))),
     })
     .collect()
+}
+
+/// Returns whether an axis takes a register back. It compensates nothing, so the machine does not lack it.
+fn is_release(axis: &Axis) -> bool {
+    axis.purpose == Purpose::Release
 }
 
 fn probe(shared: &Shared, picture: &Picture, place: usize) -> Option<ProbeStatus> {

@@ -49,6 +49,10 @@ impl Source for Fake {
         Err(format!("there is no device {device}"))
     }
 
+    fn release(&self, output: &str, _: &Asker) -> Result<Answer, String> {
+        Err(format!("nothing is left of {output}"))
+    }
+
     fn logs(&self, _: Moment, _: Moment) -> Option<Vec<PathBuf>> {
         None
     }

@@ -76,7 +76,12 @@ fn troubles() -> Vec<Event> {
         Event::FirstAccount { output: name(), holds: "3".into() },
         Event::LedgerDoubt { output: name(), why: "it holds 3".into() },
         Event::OutputMoved { output: name(), why: Explained::new("it was there", "arm it") },
-        Event::RegisterLeft { output: name(), register: "holding:104".into(), held: um(20.0) },
+        Event::RegisterLeft {
+            output: name(),
+            register: "holding:104".into(),
+            held: um(20.0),
+            hint: "release it".into(),
+        },
         Event::ReferenceForgotten { signal: name(), why: Explained::new("it was there", "measure a part") },
         Event::PositionFromZero { output: name() },
         Event::CncRestarted { output: name(), expected: "3".into() },
@@ -199,6 +204,7 @@ fn no_kind_of_trouble_is_missing_from_the_list() {
         "token-changed",
         "broker-up",
         "notify-back",
+        "register-released",
         "place-confirmed",
     ];
     for kind in isotherm_profile::TRIGGERS {
