@@ -75,42 +75,39 @@ fn note(core: &mut Core, one: &Returning) {
     saved.filter(|saved| saved.is_of(output, place)).for_each(|saved| saved.clone_from(&one.release));
 }
 
-/// Removes a release from the state. Returns the former place that it is of, unless a person has confirmed it.
-fn remove<'a>(core: &'a mut Core, one: &Returning) -> Option<&'a mut Former> {
+/// Removes a release from the state. Returns the former place that it is of, unless a person has confirmed that meanwhile.
+fn remove(core: &mut Core, one: &Returning) -> Option<Former> {
     let Release { output, place, .. } = &one.release;
     core.releases.returning.retain(|known| known.axis != one.axis);
     core.storage.remember_soon();
     let places = Arc::make_mut(&mut core.places.places);
     places.releases.retain(|release| !release.is_of(output, place));
-    places.former.iter_mut().find(|former| former.output == *output && former.place == *place)
+    let at = places.former.iter().position(|former| former.output == *output && former.place == *place)?;
+    Some(places.former.remove(at))
 }
 
 /// The register was read back at its base.
 fn ended(core: &mut Core, one: &Returning) {
     let Release { output, place, .. } = &one.release;
-    if let Some(former) = remove(core, one) {
-        (former.held_um, former.found_um) = (Some(0.0), None);
-    }
+    let former = remove(core, one).map(|former| Former { held_um: Some(0.0), found_um: None, ..former });
     let places = Arc::make_mut(&mut core.places.places);
     // A person still has to confirm the new place of an output that was moved.
     let is_moved = places.outputs.contains_key(output);
-    places.former.retain(|former| is_moved || former.output != *output || former.place != *place);
+    places.former.extend(former.filter(|_| is_moved));
     core.arming[one.axis.0] = Arming { latched: true, why: Explained::new(OVER.0, OVER.1), ..Arming::default() };
     core.events.push(Event::RegisterReleased { output: output.clone(), register: place.to_string() });
 }
 
-/// The axis of a release is off before the register has reached its base.
+/// The axis of a release is off before the register has reached its base: the register is named again.
 fn given_up(core: &mut Core, one: &Returning, found: Option<Micron>) {
     let Release { held_um, stage, .. } = one.release;
-    let found = found.map(Micron::get).filter(|found| (found - held_um).abs() > one.grain_um);
-    let Some(former) = remove(core, one) else { return };
-    if stage == Stage::Begun {
-        former.held_um = Some(held_um);
-    }
-    former.found_um = found;
-    let former = former.clone();
+    let found_um = found.map(Micron::get).filter(|found| (found - held_um).abs() > one.grain_um);
+    let former = remove(core, one).unwrap_or_else(|| one.release.former());
+    let held_um = if stage == Stage::Begun { Some(held_um) } else { former.held_um };
+    let former = Former { held_um, found_um, ..former };
     let event = register_left(&former, &core.releases, &core.given.profile);
     core.events.push(event);
+    Arc::make_mut(&mut core.places.places).former.push(former);
 }
 
 /// A person wants a register that is no output's any more back at its base, from the next start on. Returns a sentence.

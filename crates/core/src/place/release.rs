@@ -11,7 +11,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::OutputPlace;
+use super::{Former, OutputPlace};
 
 /// Bounds within which an output is moved, and what else is needed to move its register when the output is gone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -132,6 +132,12 @@ impl Release {
     /// Returns whether this Cz is the base.
     pub fn is_back(&self, found_um: f64, grain_um: f64) -> bool {
         found_um.abs() <= grain_um
+    }
+
+    /// Former place of the output, for which no axis waits.
+    pub fn former(&self) -> Former {
+        let former = Former::of(self.output.clone(), self.place.clone(), Some(self.held_um));
+        Former { bounds: Some(self.bounds.clone()), ..former }
     }
 
     /// Returns whether this is the release of an output that had this name and place.
