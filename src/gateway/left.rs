@@ -16,7 +16,7 @@ use crate::clock::{Clock, Correction};
 use crate::observe::events::{Event, Journal};
 use isotherm_core::compensation::Stop;
 use isotherm_core::output::Account;
-use isotherm_core::place::{KnownOutput, OutputPlace};
+use isotherm_core::place::{KnownOutput, OutputPlace, Owner};
 use isotherm_core::quantity::Micron;
 use isotherm_profile::Profile;
 
@@ -75,7 +75,7 @@ impl Left {
         };
         let places = recalled.places.clone();
         let mut places = places.after(profile, &outputs(&recalled, entries), opened.is_first && !is_lost);
-        places.keep(entries, &recalled.renamed);
+        places.keep(entries);
         let mut left = Left { recalled, correction: None, opened: Some(opened), places, is_lost };
         left.correction = left.recalled.goes_on((directory, machine), (journal, clock));
         left
@@ -92,17 +92,16 @@ impl Left {
             return releases;
         }
         let entries = &mut found.get_or_insert_default().outputs;
-        let (returning, dropped) = extend(profile, &places.releases);
-        places.releases.retain(|release| !dropped.contains(release));
+        // Without an account nobody knows which part of a shared register is the operator's.
+        places.releases.retain(|release| {
+            let account = || places.kept.iter().find(|entry| entry.lies_at(&release.place))?.kept.account;
+            release.place.share == Owner::Whole || account().is_some_and(|account| account.doubt.is_none())
+        });
+        let returning = extend(profile, &places.releases);
+        places.releases.retain(|release| returning.iter().any(|one| one.release == *release));
         for one in &returning {
             let output = profile.output(one.output);
-            let is_moved = |(name, entry): &(&String, &Entry)| {
-                !places.outputs.contains_key(*name) && entry.lies_at(&one.release.place)
-            };
-            let moved = entries.iter().find(is_moved).map(|(_, entry)| entry);
-            // The ledger has it only once a run has moved it.
-            let entry = moved.or_else(|| places.kept.iter().find(|entry| entry.lies_at(&one.release.place)));
-            if let Some(kept) = entry.map(|entry| entry.kept) {
+            if let Some(kept) = places.kept_of(&one.release.place) {
                 entries.insert(output.name.clone(), Entry::new(of_output(profile, output), kept));
             }
         }
@@ -202,7 +201,7 @@ pub fn moved_since(directory: &Path, profile: &Profile) -> Vec<String> {
 /// Returns the profile with the registers that a person has released, as the next gateway with this state directory runs it.
 pub fn with_releases(directory: &Path, mut profile: Profile) -> Profile {
     if let Some((places, _)) = places_in(directory, &profile) {
-        let _ = extend(&mut profile, &places.releases);
+        extend(&mut profile, &places.releases);
     }
     profile
 }

@@ -10,6 +10,7 @@ use super::release::{BY_HAND, Releases, bounds_of, layout};
 use super::store::{Entries, Entry};
 use crate::observe::events::Event;
 use isotherm_core::explained::Explained;
+use isotherm_core::output::Kept;
 use isotherm_core::place::{
     self, Bounds, Former, Found, KnownOutput, Moved, OutputPlace, Owner, Release, SignalPlace,
 };
@@ -166,17 +167,19 @@ impl Places {
         Places { former, only_read, kept: self.kept, releases, ..now }
     }
 
-    /// Keeps what the ledger has of former places, by the names that they had.
-    pub(super) fn keep(&mut self, entries: &Entries, new_names: &BTreeMap<String, String>) {
-        for former in &self.former {
-            let is_known = self.kept.iter().any(|entry| entry.lies_at(&former.place));
-            let named = |name: &String| *new_names.get(name).unwrap_or(name) == former.output;
-            let entry = entries.iter().find(|(name, entry)| named(name) && entry.lies_at(&former.place));
-            self.kept.extend(entry.filter(|_| !is_known).map(|(_, entry)| entry.clone()));
-        }
+    /// Keeps what the ledger has of former places. It is newer than what was kept of them before.
+    pub(super) fn keep(&mut self, entries: &Entries) {
         let Places { kept, former, releases, .. } = self;
         let places = || former.iter().map(|one| &one.place).chain(releases.iter().map(|one| &one.place));
-        kept.retain(|entry| places().any(|place| entry.lies_at(place)));
+        let is_former = |entry: &Entry| places().any(|place| entry.lies_at(place));
+        let is_same = |one: &Entry, other: &Entry| one.place.as_ref().is_some_and(|place| other.lies_at(place));
+        kept.retain(|entry| is_former(entry) && entries.values().all(|newer| !is_same(newer, entry)));
+        kept.extend(entries.values().filter(|entry| is_former(entry)).cloned());
+    }
+
+    /// What the ledger had of a former place.
+    pub(super) fn kept_of(&self, place: &OutputPlace) -> Option<Kept> {
+        self.kept.iter().find(|entry| entry.lies_at(place)).map(|entry| entry.kept)
     }
 
     /// Returns whether an entry of the ledger is that of a register which a release has moved, and no output's of the last run.

@@ -257,18 +257,15 @@ fn register(place: &OutputPlace) -> Option<(Register, Encoding)> {
     Some((register, encoding))
 }
 
-/// Adds an axis and an output for each release, and the line and device if the profile does not have them. Returns the releases that
-/// the profile does not allow any more.
-pub(super) fn extend(profile: &mut Profile, releases: &[Release]) -> (Vec<Returning>, Vec<Release>) {
-    let (mut returning, mut dropped) = (Vec::new(), Vec::new());
+/// Adds an axis and an output for each release, and the line and device if the profile does not have them. Returns those that the
+/// profile still allows.
+pub(super) fn extend(profile: &mut Profile, releases: &[Release]) -> Vec<Returning> {
+    let mut returning = Vec::new();
     for release in releases {
-        let added = way(profile, &release.place, &release.bounds).ok().and_then(|way| add(profile, release, way));
-        match added {
-            Some(added) => returning.push(added),
-            None => dropped.push(release.clone()),
-        }
+        let way = way(profile, &release.place, &release.bounds).ok();
+        returning.extend(way.and_then(|way| add(profile, release, way)));
     }
-    (returning, dropped)
+    returning
 }
 
 fn add(profile: &mut Profile, release: &Release, way: Way) -> Option<Returning> {

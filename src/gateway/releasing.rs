@@ -52,7 +52,10 @@ pub(super) fn follow(core: &mut Core) {
         one.release = Release { held_um: cz.get(), stage: Stage::Begun, ..one.release };
         note(core, &one);
         if is_new {
+            // From now on only the entry of this output says how a shared register divides.
+            Arc::make_mut(&mut core.places.places).kept.retain(|entry| !entry.lies_at(&one.release.place));
             core.storage.remember_soon();
+            continue;
         }
         let is_decided = core.compensation.decision(one.axis.0).is_some_and(|decision| decision.cz == Micron::ZERO);
         // Something that may still arrive would move the register once more.

@@ -143,16 +143,21 @@ fn what_the_ledger_has_of_a_former_place_is_kept_until_nothing_is_left_there() {
     let entry = Entry::new(of_output(&before, output), kept);
     let entries: Entries = [(output.name.clone(), entry.clone())].into();
     let mut places = started_places(&before, &after);
-    places.keep(&entries, &BTreeMap::new());
+    places.keep(&entries);
     assert_eq!(places.kept, [entry.clone()]);
-    // The ledger has another one under its name by now.
-    let newer = Entry::new(of_output(&after, &after.outputs[place]), kept);
-    let entries: Entries = [(output.name.clone(), newer.clone())].into();
-    places.keep(&entries, &BTreeMap::new());
+    // The ledger has another register under its name by now.
+    let other = Entry::new(of_output(&after, &after.outputs[place]), kept);
+    let entries: Entries = [(output.name.clone(), other.clone())].into();
+    places.keep(&entries);
     assert_eq!(places.kept, [entry.clone()]);
-    assert!(places.is_of_a_release("cnc_z_released", &entry) && !places.is_of_a_release(&output.name, &newer));
+    assert!(places.is_of_a_release("cnc_z_released", &entry) && !places.is_of_a_release(&output.name, &other));
+    // A release has moved the register.
+    let kept = isotherm_core::output::Kept { in_order: false, ..kept };
+    let newer = Entry::new(of_output(&before, output), kept);
+    places.keep(&[("cnc_z_released".to_owned(), newer.clone())].into());
+    assert_eq!((places.kept.as_slice(), places.kept_of(&of_output(&before, output))), (&[newer][..], Some(kept)));
     places.former.clear();
-    places.keep(&entries, &BTreeMap::new());
+    places.keep(&entries);
     assert_eq!(places.kept, []);
 }
 
