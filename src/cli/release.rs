@@ -59,13 +59,17 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return gateway.print(Ok(Answer::Done(said)));
     }
     let obstacle = |one: &&Value| one["obstacle"].as_str().map(str::to_owned);
-    if let Some(why) = of_output.iter().find_map(obstacle).filter(|_| of_output.iter().all(|one| obstacle(one).is_some())) {
+    if let Some(why) =
+        of_output.iter().find_map(obstacle).filter(|_| of_output.iter().all(|one| obstacle(one).is_some()))
+    {
         anyhow::bail!("output {output}: {} cannot be released: {why}", word(&of_output[0]["register"]));
     }
     for one in of_output.iter().filter(|one| obstacle(one).is_none()) {
         say_beside!("output {output}: {}", way(one));
     }
-    say_beside!("The gateway is restarted for it as by `isotherm restart --keep`, with the profile as it is now.");
+    say_beside!(
+        "The gateway is restarted for it as by `isotherm restart --keep`, with the profile as it is now."
+    );
     anyhow::ensure!(*yes || is_wanted()?, "nothing is released");
     let replaced = control::release(&socket, output, within, |said| say_beside!("{said}"));
     let status = restart::taken_over(&socket, replaced)?;
@@ -147,7 +151,11 @@ mod tests {
              1 µm an update and 0.25 µm/s, within ±40 µm: about 1m 20s"
         );
         left["found_um"] = 5.0.into();
-        assert!(way(&left).contains("held 5.0 µm when it was read last, and 20.0 µm of ours"), "{}", way(&left));
+        assert!(
+            way(&left).contains("held 5.0 µm when it was read last, and 20.0 µm of ours"),
+            "{}",
+            way(&left)
+        );
     }
 
     #[test]

@@ -9,10 +9,10 @@ use super::core::Core;
 use super::probing::{Missed, acting, why_refused};
 use super::rates::{About, Now};
 use super::shared::Shared;
-use super::{releasing, signing};
 use super::status::status;
 use super::storage::keeping::of_decisions;
 use super::why;
+use super::{releasing, signing};
 use crate::clock::Passing;
 use crate::observe::asker::Asker;
 use crate::observe::events::file::{self, Found};
@@ -299,9 +299,9 @@ impl CommandHandle {
         let mut places = self.named(axis)?;
         places.retain(|place| !self.0.profile.is_release(AxisId(*place)));
         match axis {
-            Some(axis) if places.is_empty() => {
-                Err(format!("axis {axis} only takes a register back to its base, which `isotherm release` asks for"))
-            }
+            Some(axis) if places.is_empty() => Err(format!(
+                "axis {axis} only takes a register back to its base, which `isotherm release` asks for"
+            )),
             _ => Ok(places),
         }
     }

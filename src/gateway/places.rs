@@ -172,7 +172,8 @@ impl Places {
         let Places { kept, former, releases, .. } = self;
         let places = || former.iter().map(|one| &one.place).chain(releases.iter().map(|one| &one.place));
         let is_former = |entry: &Entry| places().any(|place| entry.lies_at(place));
-        let is_same = |one: &Entry, other: &Entry| one.place.as_ref().is_some_and(|place| other.lies_at(place));
+        let is_same =
+            |one: &Entry, other: &Entry| one.place.as_ref().is_some_and(|place| other.lies_at(place));
         kept.retain(|entry| is_former(entry) && entries.values().all(|newer| !is_same(newer, entry)));
         kept.extend(entries.values().filter(|entry| is_former(entry)).cloned());
     }

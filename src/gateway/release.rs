@@ -89,14 +89,18 @@ impl Releases {
     /// Refuses the attempt to arm an axis that takes a register back, if the register holds a value that no person has seen.
     pub(super) fn judge(&self, axis: usize, attempt: Attempt) -> Attempt {
         let returning = self.returning.iter().find(|one| one.axis.0 == axis);
-        let (Some(Returning { release, grain_um, .. }), Attempt::From(found, _)) = (returning, &attempt) else {
+        let (Some(Returning { release, grain_um, .. }), Attempt::From(found, _)) = (returning, &attempt)
+        else {
             return attempt;
         };
         if release.may_move_from(found.get(), *grain_um) {
             return attempt;
         }
         Attempt::Refused(Explained::new(
-            format!("{} holds {found}, and {:.1} µm of ours were expected in it", release.place, release.from_um),
+            format!(
+                "{} holds {found}, and {:.1} µm of ours were expected in it",
+                release.place, release.from_um
+            ),
             "compare the register at the control; if the value is to go, release it again",
         ))
     }
@@ -153,7 +157,9 @@ fn why_not(profile: &Profile, former: &Former, kept: &[Entry]) -> Option<Explain
         let entry = kept.iter().find(|entry| entry.lies_at(&former.place));
         let account = entry.and_then(|entry| entry.kept.account);
         match account {
-            None => return by_hand("the saved state does not say which part of it is the operator's".to_owned()),
+            None => {
+                return by_hand("the saved state does not say which part of it is the operator's".to_owned());
+            }
             Some(account) if account.doubt.is_some() => {
                 return by_hand("which part of it is the operator's is in doubt".to_owned());
             }
@@ -162,7 +168,10 @@ fn why_not(profile: &Profile, former: &Former, kept: &[Entry]) -> Option<Explain
     }
     let held = former.found_um.or(former.held_um).unwrap_or_default();
     if held.abs() > bounds.limit_um + bounds.step_um * GRAIN_OF_A_STEP {
-        return by_hand(format!("{held:.1} µm is more than the limit of ±{} µm that it had", bounds.limit_um));
+        return by_hand(format!(
+            "{held:.1} µm is more than the limit of ±{} µm that it had",
+            bounds.limit_um
+        ));
     }
     way(profile, &former.place, bounds).err()
 }
@@ -176,8 +185,8 @@ fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Way, E
     if let Some(obstacle) = bounds.obstacle {
         return Err(by_hand(obstacle.cause().to_owned()));
     }
-    let (register, encoding) =
-        register(place).ok_or_else(|| by_hand(format!("no register is read as {} {}", place.address, place.layout)))?;
+    let (register, encoding) = register(place)
+        .ok_or_else(|| by_hand(format!("no register is read as {} {}", place.address, place.layout)))?;
     let count = encoding.data_type.registers();
     let buses = profile.buses.iter().enumerate().filter(|(_, bus)| bus.address == place.bus);
     let buses: Vec<(BusId, &Bus)> = buses.map(|(id, bus)| (BusId(id), bus)).collect();
@@ -195,13 +204,17 @@ fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Way, E
     if let Target::Known(id) = device {
         let device = profile.device(id);
         if device.functions.writes(count).is_none() || !device.functions.reads(Table::Holding) {
-            return Err(by_hand(format!("`functions` of device {} do not allow it to be read and written", device.name)));
+            return Err(by_hand(format!(
+                "`functions` of device {} do not allow it to be read and written",
+                device.name
+            )));
         }
     }
     let signal = |name: &str| profile.signals.iter().position(|signal| signal.name == name).map(SignalId);
     let when = bounds.when.as_ref().map(|text| {
-        Condition::parse(text, &signal)
-            .map_err(|_| by_hand(format!("its interlock, {text}, has a signal that the profile does not have any more")))
+        Condition::parse(text, &signal).map_err(|_| {
+            by_hand(format!("its interlock, {text}, has a signal that the profile does not have any more"))
+        })
     });
     Ok(Way { device, register, encoding, when: when.transpose()? })
 }
@@ -213,9 +226,8 @@ fn target(
     line: Line,
     buses: &[(BusId, &Bus)],
 ) -> Result<Target, Explained> {
-    let is_modbus = |bus: &Bus| {
-        matches!(bus.transport, Transport::Tcp | Transport::RtuOverTcp | Transport::Serial(_))
-    };
+    let is_modbus =
+        |bus: &Bus| matches!(bus.transport, Transport::Tcp | Transport::RtuOverTcp | Transport::Serial(_));
     let mut lines = buses.iter().filter(|(_, bus)| is_modbus(bus)).map(|(id, _)| *id);
     let known = lines.clone().find_map(|bus| {
         let mut devices = profile.devices_on(bus);
@@ -237,7 +249,8 @@ fn target(
 /// Register and encoding of a former place. `None` if it is no holding register, or has a type that no version writes.
 fn register(place: &OutputPlace) -> Option<(Register, Encoding)> {
     let (text, _) = place.address.split_once(' ')?;
-    let register: Register = text.parse().ok().filter(|register: &Register| register.table == Table::Holding)?;
+    let register: Register =
+        text.parse().ok().filter(|register: &Register| register.table == Table::Holding)?;
     let orders = [WordOrder::MswFirst, WordOrder::LswFirst];
     let all = DataType::ALL.into_iter().flat_map(|data_type| {
         orders.into_iter().flat_map(move |order| [false, true].map(|byte_swap| (data_type, order, byte_swap)))

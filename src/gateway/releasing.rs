@@ -23,14 +23,17 @@ use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::regular::quoted;
 
 /// Why the axis of a release is off that is over, and what becomes of it.
-const OVER: (&str, &str) =
-    ("its register is back at its base: the release is over", "nothing is left to do: the next start does not have this axis");
+const OVER: (&str, &str) = (
+    "its register is back at its base: the release is over",
+    "nothing is left to do: the next start does not have this axis",
+);
 
 /// Requests to arm the axis of each release of this start.
 pub(super) fn begin(core: &mut Core, now: Moment) {
     for Returning { axis, release, .. } in core.releases.returning.clone() {
         let by = Asker::new(Way::Restart, format!("released {}", release.by));
-        let asked = ArmRequest { by: Arc::new(by), until: Moment::END, reported: (String::new(), now), from: None };
+        let asked =
+            ArmRequest { by: Arc::new(by), until: Moment::END, reported: (String::new(), now), from: None };
         core.arming[axis.0] = Arming { latched: true, asked: Some(asked), ..Arming::default() };
     }
 }
@@ -57,7 +60,8 @@ pub(super) fn follow(core: &mut Core) {
             core.storage.remember_soon();
             continue;
         }
-        let is_decided = core.compensation.decision(one.axis.0).is_some_and(|decision| decision.cz == Micron::ZERO);
+        let is_decided =
+            core.compensation.decision(one.axis.0).is_some_and(|decision| decision.cz == Micron::ZERO);
         // Something that may still arrive would move the register once more.
         let is_settled = state.waits_until.is_none();
         if is_decided && is_settled && core.stop.is_none() && one.release.is_back(cz.get(), one.grain_um) {
@@ -97,7 +101,8 @@ fn ended(core: &mut Core, one: &Returning) {
     // A person still has to confirm the new place of an output that was moved.
     let is_moved = places.outputs.contains_key(output);
     places.former.extend(former.filter(|_| is_moved));
-    core.arming[one.axis.0] = Arming { latched: true, why: Explained::new(OVER.0, OVER.1), ..Arming::default() };
+    core.arming[one.axis.0] =
+        Arming { latched: true, why: Explained::new(OVER.0, OVER.1), ..Arming::default() };
     core.events.push(Event::RegisterReleased { output: output.clone(), register: place.to_string() });
 }
 
@@ -139,7 +144,10 @@ pub(super) fn ask(core: &mut Core, output: &str, by: String) -> Result<String, E
     let returning = all.iter().find(|left| left.output == output && left.state == LeftState::Returning);
     if let Some(left) = returning {
         return Err(Explained::new(
-            format!("output {output}: {} is on its way back already, {:.1} µm are left", left.register, left.held_um),
+            format!(
+                "output {output}: {} is on its way back already, {:.1} µm are left",
+                left.register, left.held_um
+            ),
             "`isotherm status` shows how far it is",
         ));
     }
@@ -181,11 +189,14 @@ fn nothing_left(core: &Core, output: &str, all: &[LeftStatus]) -> Explained {
     };
     if core.places.places.outputs.contains_key(output) {
         return Explained::new(
-            format!("output {output} is at its place in the profile, and nothing of ours is in another register of it"),
+            format!(
+                "output {output} is at its place in the profile, and nothing of ours is in another register of it"
+            ),
             format!("to release its register, move or remove the output in the profile first; {others}"),
         );
     }
-    let cause = format!("nothing of ours is in a register of an output {} that was moved or removed", quoted(output));
+    let cause =
+        format!("nothing of ours is in a register of an output {} that was moved or removed", quoted(output));
     Explained::new(cause, others)
 }
 

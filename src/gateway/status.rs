@@ -181,9 +181,11 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
             (&picture.contact, shared.dry_run),
         ),
         // The request of a release does not expire.
-        waiting: picture.arming[place].asked.as_ref().filter(|_| !is_release(axis)).map(|asked| WaitingStatus {
-            asked: asked.by.way.by(&asked.by.who),
-            expires_s: asked.until.since(picture.now).as_secs_f64(),
+        waiting: picture.arming[place].asked.as_ref().filter(|_| !is_release(axis)).map(|asked| {
+            WaitingStatus {
+                asked: asked.by.way.by(&asked.by.who),
+                expires_s: asked.until.since(picture.now).as_secs_f64(),
+            }
         }),
         has_model: axis.has_model(),
         why: picture.why(shared, place),

@@ -231,8 +231,7 @@ impl Storage {
         let is_due = is_urgent || self.remembered.is_none_or(|last| now.since(last) >= REMEMBER_EVERY);
         let Some(writer) = self.writer.as_ref().filter(|_| is_due) else { return };
         self.remembered = Some(now);
-        let is_remembered =
-            |output: &Output| remembers_cz(output.writes) && !profile.is_release(output.axis);
+        let is_remembered = |output: &Output| remembers_cz(output.writes) && !profile.is_release(output.axis);
         let verified = profile.outputs.iter().zip(outputs).filter(|(output, _)| is_remembered(output));
         let left = |name: &String| self.left_um.get(name).copied();
         let verified = verified.filter_map(|(output, state)| {

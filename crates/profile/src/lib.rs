@@ -51,10 +51,10 @@ pub use load::{
 };
 pub use overridden::Overridden;
 pub use sources::{SOURCES_MARK, Sources};
-pub use tables::axis::{Axis, Purpose};
 pub use tables::axis::model::network;
 pub use tables::axis::model::seals::{sha256, sha256_of};
 pub use tables::axis::probe::ProbeInput;
+pub use tables::axis::{Axis, Purpose};
 pub use tables::bus::opcua::{NamedFile, OpcUa, Security, User, server_url};
 pub use tables::bus::serial::{Parity, Serial};
 pub use tables::bus::tls::{PemFile, TLS_PORT, Tls};

@@ -108,7 +108,8 @@ fn a_former_place_has_the_bounds_that_the_state_has_and_none_in_a_document_witho
     let (before, after, place) = elsewhere();
     let name = &before.outputs[place].name;
     let left = |places: &Places| {
-        let known = |place: &OutputPlace| KnownOutput { place: place.clone(), held_um: Some(20.0), was_driven: true };
+        let known =
+            |place: &OutputPlace| KnownOutput { place: place.clone(), held_um: Some(20.0), was_driven: true };
         let left = places.outputs.iter().map(|(name, place)| (name.clone(), known(place)));
         left.collect()
     };
@@ -150,12 +151,17 @@ fn what_the_ledger_has_of_a_former_place_is_kept_until_nothing_is_left_there() {
     let entries: Entries = [(output.name.clone(), other.clone())].into();
     places.keep(&entries);
     assert_eq!(places.kept, [entry.clone()]);
-    assert!(places.is_of_a_release("cnc_z_released", &entry) && !places.is_of_a_release(&output.name, &other));
+    assert!(
+        places.is_of_a_release("cnc_z_released", &entry) && !places.is_of_a_release(&output.name, &other)
+    );
     // A release has moved the register.
     let kept = isotherm_core::output::Kept { in_order: false, ..kept };
     let newer = Entry::new(of_output(&before, output), kept);
     places.keep(&[("cnc_z_released".to_owned(), newer.clone())].into());
-    assert_eq!((places.kept.as_slice(), places.kept_of(&of_output(&before, output))), (&[newer][..], Some(kept)));
+    assert_eq!(
+        (places.kept.as_slice(), places.kept_of(&of_output(&before, output))),
+        (&[newer][..], Some(kept))
+    );
     places.former.clear();
     places.keep(&entries);
     assert_eq!(places.kept, []);

@@ -86,7 +86,8 @@ fn a_line_and_a_device_that_the_profile_has_no_more_are_added_if_the_address_is_
         assert_eq!((elsewhere.buses.len(), elsewhere.devices.len()), (counts.0 + 1, counts.1 + 1));
         assert!(bus.late >= Duration::from_secs(30) && device.functions == Functions::ALL);
     }
-    let mut other_unit = profile(&BENCH.replacen("bus = \"control\"\nunit = 1", "bus = \"control\"\nunit = 2", 1));
+    let mut other_unit =
+        profile(&BENCH.replacen("bus = \"control\"\nunit = 1", "bus = \"control\"\nunit = 2", 1));
     let buses = other_unit.buses.len();
     let returning = extend(&mut other_unit, &[release(&profile(BENCH))]);
     let device = other_unit.device(other_unit.output(returning[0].output).device);
@@ -170,15 +171,27 @@ fn each_obstacle_is_said_with_what_to_do() {
         ("no bounds", Former { bounds: None, ..plain.clone() }, "an earlier version of the program wrote it"),
         ("spoiled", bounded(&|bounds| bounds.step_um = 0.0), "does not say how it was moved"),
         ("set", bounded(&|bounds| bounds.obstacle = Some(Obstacle::Set)), "the other values of its set"),
-        ("limit", Former { held_um: Some(40.5), ..plain.clone() }, "40.5 µm is more than the limit of ±40 µm"),
-        ("node", placed(&|place| place.address = "node ns=2;i=5".into()), "no register is read as node ns=2;i=5"),
+        (
+            "limit",
+            Former { held_um: Some(40.5), ..plain.clone() },
+            "40.5 µm is more than the limit of ±40 µm",
+        ),
+        (
+            "node",
+            placed(&|place| place.address = "node ns=2;i=5".into()),
+            "no register is read as node ns=2;i=5",
+        ),
         (
             "interlock",
             bounded(&|bounds| bounds.when = Some("door == 1".into())),
             "its interlock, door == 1, has a signal",
         ),
         ("taken", placed(&|place| place.address = "holding:106 (40107)".into()), "the profile writes to it"),
-        ("heartbeat", placed(&|place| place.address = "holding:100 (40101)".into()), "the profile writes to it"),
+        (
+            "heartbeat",
+            placed(&|place| place.address = "holding:100 (40101)".into()),
+            "the profile writes to it",
+        ),
         (
             "line",
             Former {
@@ -191,13 +204,17 @@ fn each_obstacle_is_said_with_what_to_do() {
     for (what, former, words) in rows {
         let why = why(&now, &former, &[]);
         assert!(why.contains(words), "{what}: {why}");
-        let has_remedy = why.contains("set that register to zero") || why.contains("arm the axis of that output");
+        let has_remedy =
+            why.contains("set that register to zero") || why.contains("arm the axis of that output");
         assert!(has_remedy, "{what}: {why}");
     }
     let mut forbidden = moved();
     let device = cnc(&forbidden).device;
     forbidden.devices[device.0].functions.write_multiple = false;
-    assert!(why(&forbidden, &plain, &[]).contains("`functions` of device cnc"), "two registers need function 16");
+    assert!(
+        why(&forbidden, &plain, &[]).contains("`functions` of device cnc"),
+        "two registers need function 16"
+    );
 }
 
 #[test]
@@ -218,7 +235,10 @@ fn a_shared_register_is_released_only_if_the_ledger_says_which_part_is_the_opera
         OutputPlace { unit: 7, ..former.place.clone() },
         output::Kept { account: Some(account(None)), ..output::Kept::default() },
     );
-    assert!(why(&now, &former, &[elsewhere]).contains("does not say which part"), "it is of another register");
+    assert!(
+        why(&now, &former, &[elsewhere]).contains("does not say which part"),
+        "it is of another register"
+    );
 }
 
 #[test]

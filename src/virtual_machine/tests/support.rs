@@ -99,7 +99,13 @@ pub(crate) fn profile() -> Profile {
             device("cnc", 1, CNC),
         ],
         signals,
-        axes: vec![Axis { settings: axis, label: String::new(), diameter: false, probe_input: None, purpose: Purpose::Compensation }],
+        axes: vec![Axis {
+            settings: axis,
+            label: String::new(),
+            diameter: false,
+            probe_input: None,
+            purpose: Purpose::Compensation,
+        }],
         outputs: vec![
             output("readout_z", 2, "holding:10", 0.0001, Writes::Corrected { position: SignalId(3) }),
             output("cnc_z", 3, "holding:104", 0.1, Writes::Offset),

@@ -146,7 +146,8 @@ fn accesses(trace: &Trace) -> Vec<Access> {
         let is_at = seen.address == former && seen.count == 2 && seen.before.len() == 2;
         seen.device == output.device && is_at
     });
-    here.map(|seen| (trace.seconds(seen.at), value(&seen.before), value(&seen.after), seen.is_write())).collect()
+    here.map(|seen| (trace.seconds(seen.at), value(&seen.before), value(&seen.after), seen.is_write()))
+        .collect()
 }
 
 /// Value of the former register when it was accessed last, µm.
@@ -168,8 +169,16 @@ fn walks(trace: &Trace, from: f64, to: f64) {
     let mut at = from;
     for (seconds, before, after, _) in &writes {
         assert!((before - at).abs() < 0.05, "{before} instead of {at} at {seconds:.1} s\n{}", trace.lines());
-        assert!((after - before).abs() <= 1.0 + 1e-6, "{before} → {after} at {seconds:.1} s\n{}", trace.lines());
-        assert!((after - to).abs() < (before - to).abs(), "{before} → {after}: away from {to}\n{}", trace.lines());
+        assert!(
+            (after - before).abs() <= 1.0 + 1e-6,
+            "{before} → {after} at {seconds:.1} s\n{}",
+            trace.lines()
+        );
+        assert!(
+            (after - to).abs() < (before - to).abs(),
+            "{before} → {after}: away from {to}\n{}",
+            trace.lines()
+        );
         at = *after;
     }
     let (first, last) = (writes[0].0, writes[writes.len() - 1].0);
@@ -218,7 +227,12 @@ fn a_former_register_goes_back_to_its_base_in_steps_and_the_new_one_stays_untouc
         assert_eq!(state(asked), Some(LeftState::Asked));
         walks(back, held, 0.0);
         assert!(left(back).abs() < 1e-9, "{end:?}: {}", left(back));
-        assert_eq!((back.reported("register-released"), back.reported("register-left")), (1, 0), "{}", back.lines());
+        assert_eq!(
+            (back.reported("register-released"), back.reported("register-left")),
+            (1, 0),
+            "{}",
+            back.lines()
+        );
         assert_eq!(told(back, "armed").len(), 1, "{}", back.lines());
         assert!(told(back, "armed")[0].contains("release_cnc_z"), "{}", back.lines());
         assert_eq!(back.writes("cnc_z").len(), 0, "the new output waits for a person\n{}", back.lines());
@@ -229,7 +243,12 @@ fn a_former_register_goes_back_to_its_base_in_steps_and_the_new_one_stays_untouc
         assert!(alarms.contains(&"place of output cnc_z".to_owned()), "{alarms:?}");
         // The next start has no such axis, and the new place still waits for a person.
         assert_eq!(accesses(after).len(), 0, "{}", after.lines());
-        assert_eq!((after.reported("output-moved"), after.reported("register-left")), (2, 0), "{}", after.lines());
+        assert_eq!(
+            (after.reported("output-moved"), after.reported("register-left")),
+            (2, 0),
+            "{}",
+            after.lines()
+        );
         assert!(after.samples.last().unwrap().status.axes.iter().all(|axis| axis.name == "z"));
     }
 }
@@ -343,7 +362,10 @@ fn what_cannot_be_released_is_refused_with_the_reason_and_moves_nothing() {
     let (traces, said) = runs(directory.path(), &holds(0, "0s"), all);
     refused(&said[0], &["cnc_z is at its place", "there is nothing to release now"]);
     refused(&said[1], &["nothing of ours", "nothing", "these can be released: cnc_z"]);
-    refused(&said[2], &["readout_z is at its place", "move or remove the output", "these can be released: cnc_z"]);
+    refused(
+        &said[2],
+        &["readout_z is at its place", "move or remove the output", "these can be released: cnc_z"],
+    );
     refused(&said[3], &["dry run"]);
     assert!(traces[1..].iter().all(|trace| accesses(trace).is_empty()));
     assert_eq!(traces[1].reported("command-refused"), 2, "{}", traces[1].lines());
@@ -381,7 +403,8 @@ fn a_person_may_ask_twice_and_is_told_while_it_goes_back() {
 fn a_person_can_end_a_release_and_nobody_else_arms_its_axis() {
     let directory = tempfile::tempdir().unwrap();
     let second = |second: u64| Duration::from_secs(second);
-    let disarm = |stage: &Stage<'_>| stage.source.command(Command::Disarm, Some("release_cnc_z"), &somebody());
+    let disarm =
+        |stage: &Stage<'_>| stage.source.command(Command::Disarm, Some("release_cnc_z"), &somebody());
     let arm = |stage: &Stage<'_>| stage.source.command(Command::Arm, Some("release_cnc_z"), &somebody());
     let all_armed = |stage: &Stage<'_>| stage.source.command(Command::Arm, None, &somebody());
     let all = vec![

@@ -74,7 +74,13 @@ fn axis(name: &str, every: u64, count: f64, on_fault: OnFault, models: Vec<Model
         intercept_slope: None,
         probe: None,
     };
-    Axis { settings, label: String::new(), diameter: false, probe_input: None, purpose: Purpose::Compensation }
+    Axis {
+        settings,
+        label: String::new(),
+        diameter: false,
+        probe_input: None,
+        purpose: Purpose::Compensation,
+    }
 }
 
 /// `bed`, `wheelhead`, `hydraulics_on`, `zero_button`; z every 10 s (M1, then M2), x every 7 s (rises over zero and start).
