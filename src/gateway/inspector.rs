@@ -87,15 +87,7 @@ impl Inspector {
                 Repetition { period, due: start, has_passed: false, unread: (0, start) }
             };
             let again = device.verify.iter().map(repetition).collect();
-            Inspection {
-                device: id,
-                due: start,
-                missed: (0, start),
-                is_heard,
-                set_up: None,
-                read_after: 0,
-                again,
-            }
+            Inspection { device: id, due: start, missed: (0, start), is_heard, set_up: None, read_after: 0, again }
         };
         Inspector(checked.map(inspection).collect())
     }

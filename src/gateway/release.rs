@@ -41,6 +41,8 @@ pub(super) struct Releases {
     obstacles: Vec<(OutputPlace, Option<Explained>)>,
     /// Registers on their way back.
     pub(super) returning: Vec<Returning>,
+    /// Registers whose release was given up while a value of ours could still arrive.
+    pub(super) given_up: Vec<Returning>,
 }
 
 /// Register on its way back.
@@ -77,7 +79,7 @@ impl Releases {
     /// Finds out which former places of a profile can be released.
     pub(super) fn of(profile: &Profile, former: &[Former], kept: &[Entry]) -> Releases {
         let obstacle = |former: &Former| (former.place.clone(), why_not(profile, former, kept));
-        Releases { obstacles: former.iter().map(obstacle).collect(), returning: Vec::new() }
+        Releases { obstacles: former.iter().map(obstacle).collect(), ..Releases::default() }
     }
 
     /// Returns what keeps a former place from being released. `None` if nothing does.

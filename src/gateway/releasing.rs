@@ -40,6 +40,9 @@ pub(super) fn begin(core: &mut Core, now: Moment) {
 
 /// Takes note of how far each register has come, and ends the releases that are over.
 pub(super) fn follow(core: &mut Core) {
+    for one in core.releases.given_up.clone() {
+        settle(core, &one);
+    }
     for mut one in core.releases.returning.clone() {
         let (arming, state) = (&core.arming[one.axis.0], core.outputs[one.output.0]);
         let verified = state.cz.filter(|_| state.standing == Standing::Verified);
@@ -116,6 +119,31 @@ fn given_up(core: &mut Core, one: &Returning, found: Option<Micron>) {
     let event = register_left(&former, &core.releases, &core.given.profile);
     core.events.push(event);
     Arc::make_mut(&mut core.places.places).former.push(former);
+    core.releases.given_up.push(one.clone());
+}
+
+/// Takes note of the last write of a release that was given up, once nothing of ours can arrive any more.
+fn settle(core: &mut Core, one: &Returning) {
+    let Returning { release, grain_um, .. } = one;
+    let register = core.registers[one.output.0].as_ref();
+    if register.is_some_and(|register| register.state().may_arrive().next().is_some()) {
+        return;
+    }
+    core.releases.given_up.retain(|known| known.axis != one.axis);
+    let found = core.outputs[one.output.0].cz.map(Micron::get);
+    let way = Release { from_um: release.held_um, stage: Stage::Asked, ..release.clone() };
+    let is_ours = |found: &f64| release.stage == Stage::Begun && way.may_move_from(*found, *grain_um);
+    let Some(found) = found.filter(is_ours).filter(|found| (found - release.held_um).abs() > *grain_um)
+    else {
+        return;
+    };
+    let places = Arc::make_mut(&mut core.places.places);
+    let mut former = places.former.iter_mut().filter(|former| release.is_of(&former.output, &former.place));
+    let Some(former) = former.next() else { return };
+    (former.held_um, former.found_um) = (Some(found), None);
+    let event = register_left(former, &core.releases, &core.given.profile);
+    core.events.push(event);
+    core.storage.remember_soon();
 }
 
 /// A person wants a register that is no output's any more back at its base, from the next start on. Returns a sentence.

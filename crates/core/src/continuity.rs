@@ -252,9 +252,7 @@ impl fmt::Display for Difference {
         let Difference { what, was, is, meaning, remedy } = self;
         match is {
             Found::Value(is) => write!(f, "{what} reads {is} instead of {was} ({meaning})")?,
-            Found::Absent(why) | Found::Unreadable(why) => {
-                write!(f, "{what} cannot be read: {why} ({meaning})")?
-            }
+            Found::Absent(why) | Found::Unreadable(why) => write!(f, "{what} cannot be read: {why} ({meaning})")?,
             Found::NotSetUp(sentence) => return f.write_str(sentence),
         }
         if remedy.is_empty() { Ok(()) } else { write!(f, ": {remedy}") }

@@ -490,10 +490,8 @@ fn a_check_that_is_refused_once_while_the_gateway_runs_stops_nothing() {
 #[test]
 fn a_module_that_refuses_everything_for_a_while_is_not_taken_for_a_changed_one() {
     for code in [4, 5, 6, 10, 11, 200] {
-        let refused = fault(
-            "module",
-            &format!("kind = \"exception\"\ncode = {code}\nat = \"55s\"\nfor_time = \"20s\""),
-        );
+        let refused =
+            fault("module", &format!("kind = \"exception\"\ncode = {code}\nat = \"55s\"\nfor_time = \"20s\""));
         let trace = run(&cell(), &refused, 2 * MINUTE);
         law::holds(&trace);
         assert_eq!(trace.reported("not-as-expected"), 0, "{code}: {}", trace.lines());
