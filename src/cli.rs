@@ -51,6 +51,7 @@ mod port;
 mod progress;
 mod read;
 mod record;
+mod release;
 pub mod replay;
 #[cfg(feature = "identify")]
 mod report;
@@ -154,6 +155,8 @@ enum Verb {
     Measured(measured::Arguments),
     /// Accept a device of the running gateway that a person has looked at
     Confirm(confirm::Arguments),
+    /// Take the register of an output that was moved or removed back to its base
+    Release(release::Arguments),
     /// The frames of a device of the running gateway, as they pass
     Trace(trace::Arguments),
     /// What happened at a machine, before the last restart too
@@ -269,6 +272,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Sign(arguments) => sign::run(&arguments),
         Verb::Measured(arguments) => measured::run(&arguments),
         Verb::Confirm(arguments) => confirm::run(&arguments),
+        Verb::Release(arguments) => release::run(&arguments),
         Verb::Events(arguments) => events::run(&arguments),
         #[cfg(feature = "parquet")]
         Verb::Export(arguments) => export::run(&arguments),

@@ -58,6 +58,8 @@ mod places;
 mod poll;
 mod probing;
 mod rates;
+mod release;
+mod releasing;
 mod reported;
 mod restart;
 mod service_manager;
@@ -90,7 +92,7 @@ pub use disk::{Disk, Files, make_directory};
 pub use handover::{
     Arrival, Handover, KeptProfile, Prepared, answer_of_check, digest_path, memory_for_profile,
 };
-pub use left::{may_start, moved_since};
+pub use left::{may_start, moved_since, with_releases};
 pub use successor::{CHECK_ONLY, Checked, Program, Successor};
 pub use why::how_to_find_a_model;
 pub use wire_log::WireLog;
@@ -205,7 +207,6 @@ impl Gateway {
             profile.devices.iter_mut().for_each(|device| device.every = polls);
             profile.axes.iter_mut().for_each(|axis| axis.settings.every = axes);
         }
-        let profile = Arc::new(profile);
         let journal = Arc::new(Journal::by(clock).heard_by(options.listener.clone()));
         if let Some(directory) = options.directory.as_deref().filter(|_| options.has_threads) {
             journal.recall(file::last(directory, &profile.name, RECALLED));
@@ -213,7 +214,9 @@ impl Gateway {
         if let Err(why) = &options.handover {
             journal.report(clock.now(), &Event::HandoverRefused { why: why.clone() });
         }
-        let left = Left::open(&options, &profile, (&journal, clock));
+        let mut left = Left::open(&options, &profile, (&journal, clock));
+        let releases = left.extend(&mut profile, options.dry_run);
+        let profile = Arc::new(profile);
         let Left { mut recalled, correction, opened, places, is_lost } = left;
         let remembers = |output: &str| recalled.verified_um.contains_key(output);
         let (ledger, writer) = match opened {
@@ -245,6 +248,7 @@ impl Gateway {
             let mut core = Core::new(given, remembered, storage, clock.now());
             core.was_driven = was_driven;
             core.storage.signs = std::mem::take(&mut recalled.signs);
+            core.releases = releases;
             left::begin(&mut core, (places, is_lost), recalled, clock.now());
             if let Ok(Some(handover)) = &options.handover {
                 handover.go_on(&mut core, clock.now());
@@ -258,6 +262,7 @@ impl Gateway {
                     core.disarm(axis, why);
                 }
             }
+            releasing::begin(&mut core, clock.now());
             core
         };
         let shared = Shared::new(profile, clock.clone(), journal, options.dry_run, ledger, wakeups, core);

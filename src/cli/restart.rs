@@ -49,18 +49,25 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let socket = gateway.socket(&loaded.profile)?;
     let within = limit(clock.passed() - begun);
     let replaced = control::restart(&socket, within, |said| say_beside!("{said}"));
-    let status = match replaced {
+    gateway.print(Ok(Answer::Done(sentence(&taken_over(&socket, replaced)?))))
+}
+
+/// State of the gateway that has taken over, once it is ready or has had its time. `replaced`: its first state.
+///
+/// # Errors
+/// The profile is wrong, which is said; or nothing has taken over.
+pub(super) fn taken_over(socket: &Path, replaced: Result<String, Failure>) -> anyhow::Result<Value> {
+    match replaced {
         Err(Failure::WrongProfile(why)) => {
             say_beside!("isotherm: {why}");
-            return Err(WrongProfile.into());
+            Err(WrongProfile.into())
         }
-        replaced => ready(&socket, replaced?),
-    };
-    gateway.print(Ok(Answer::Done(sentence(&status))))
+        replaced => Ok(ready(socket, replaced?)),
+    }
 }
 
 /// Time that the other program has for its check, and again for its start. It makes the check that took this verb so long.
-fn limit(own_check: Duration) -> Duration {
+pub(super) fn limit(own_check: Duration) -> Duration {
     SHORTEST.max(own_check * 3)
 }
 
@@ -80,7 +87,7 @@ fn ready(socket: &Path, first: String) -> Value {
 }
 
 /// What runs now, and what its axes do.
-fn sentence(status: &Value) -> String {
+pub(super) fn sentence(status: &Value) -> String {
     let word = |value: &Value| value.as_str().unwrap_or_default().to_owned();
     let axis = |axis: &Value| match word(&axis["why"]) {
         why if why.is_empty() => format!("{}: {}", word(&axis["name"]), word(&axis["display"])),

@@ -20,7 +20,7 @@ use crate::cli::say::{say, say_beside};
 use crate::clock::Clock;
 use crate::gateway::{
     Arrival, CHECK_ONLY, Checked, Gateway, Handover, KeptProfile, Options, Prepared, Program,
-    answer_of_check, claims, control, digest_path, make_directory, may_start,
+    answer_of_check, claims, control, digest_path, make_directory, may_start, with_releases,
 };
 use crate::observe::events::Event;
 use crate::observe::notify::{Outboxes, Rules};
@@ -138,7 +138,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
     may_start(&options, &profile).map_err(anyhow::Error::msg)?;
     let unseen = match arguments.dry_run {
         true => None,
-        false => claims::claim(&profile, &directory).map_err(anyhow::Error::msg)?,
+        // A register that a person has released is written, too.
+        false => claims::claim(&with_releases(&directory, profile.clone()), &directory)
+            .map_err(anyhow::Error::msg)?,
     };
     let mut sockets = Sockets::default();
     match web(arguments.listen.as_deref(), &profile) {
@@ -246,7 +248,8 @@ fn check(arguments: &Arguments, socket: &Path) -> anyhow::Result<()> {
     let options = Options { directory: Some(directory.clone()), ..Options::default() };
     may_start(&options, profile).map_err(anyhow::Error::msg)?;
     if !arguments.dry_run {
-        claims::could_claim(profile, &directory).map_err(anyhow::Error::msg)?;
+        let profile = with_releases(&directory, profile.clone());
+        claims::could_claim(&profile, &directory).map_err(anyhow::Error::msg)?;
     }
     web(arguments.listen.as_deref(), profile).map_or(Ok(()), |web| Port::new(&web).map(drop))?;
     // A script around this program may print something afterwards.

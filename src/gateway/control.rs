@@ -1,5 +1,5 @@
 //! Commands to a running gateway over its own Unix socket in the state directory: `isotherm arm`, `disarm`,
-//! `zero`, `cancel`, `measured`, `confirm`.
+//! `zero`, `cancel`, `measured`, `confirm`, `release`.
 //!
 //! One line in, one line out: `disarm` → `ok z: off …` or `error …`; `measured z 3.2`, in µm, and `measured z clear`. Who may
 //! open the file may command, once a second of an axis and verb. `confirm module` accepts a device. A line may end with
@@ -18,7 +18,7 @@
 //! The connection stays open until the check is over, and the check ends when the client closes it. `sign-plus`, `sign-minus`
 //! and `sign-none`, on a connection of their own, report which way the gauge moved, and Cz goes back.
 //!
-//! `status` → `ok` and the state as one line of JSON. `restart`: see [`restart`].
+//! `status` → `ok` and the state as one line of JSON. `restart` and `release`: see [`restart`].
 //!
 //! One command has an answer of many lines: the exchanges of a device as they happen (`isotherm trace`). `trace cnc 60 text`
 //! → `ok listening to cnc`, two lines an exchange (or with `json` one), and at last `end` with their number. It ends by
@@ -59,8 +59,8 @@ mod user;
 
 pub use super::sign::PATIENCE as SIGN_ANSWERED_WITHIN;
 pub use client::{
-    Failure, Presence, arm, presence, restart, restart_is_wrong, send, send_confirm, send_measured, sign,
-    status, trace,
+    Failure, Presence, arm, presence, release, restart, restart_is_wrong, send, send_confirm, send_measured,
+    sign, status, trace,
 };
 pub use sockets::{listening, path};
 pub use user::forbidden;
@@ -221,7 +221,7 @@ impl Desk {
         let (trace, line) = (TraceRequest::parse(heard.trim()), Line::parse(heard.trim()));
         let restart = restart::Request::parse(heard.trim());
         let stays = trace.is_some()
-            || matches!(restart, Some(restart::Request::Restart { .. }))
+            || restart.is_some_and(restart::Request::stays)
             || line.as_ref().is_some_and(|line| line.stays);
         let _place = match stays.then(|| self.stays.try_acquire()).transpose() {
             Ok(place) => place,
@@ -238,7 +238,7 @@ impl Desk {
         }
         let Some(line) = line else {
             let known = format!(
-                "error {UNKNOWN} arm, disarm, zero, cancel, sign, measured, confirm, trace, status, restart\n"
+                "error {UNKNOWN} arm, disarm, zero, cancel, sign, measured, confirm, release, trace, status, restart\n"
             );
             return say(&mut writer, &known).await;
         };

@@ -13,6 +13,7 @@ use super::output::{OutputState, Outputs, Standing};
 use super::pause::Pauses;
 use super::places::Moves;
 use super::probing::{Probing, acting, why_refused};
+use super::release::Releases;
 use super::reported::Reported;
 use super::restart::Restarts;
 use super::storage::Storage;
@@ -46,6 +47,7 @@ pub(super) struct Core {
     pub(super) contact: Contact,
     pub(super) devices: Devices,
     pub(super) places: Moves,
+    pub(super) releases: Releases,
     pub(super) storage: Storage,
     pub(super) restarts: Restarts,
     /// By axis: when a change that it decided must have left at the latest.
@@ -94,6 +96,7 @@ impl Core {
             contact: Contact::new(profile),
             devices: Devices::new(profile, start),
             places: Moves::default(),
+            releases: Releases::default(),
             storage,
             restarts: Restarts::new(profile),
             not_after: vec![Moment::default(); profile.axes.len()],
@@ -286,7 +289,7 @@ impl Core {
                 }
                 _ => self.arming[axis].attempt(profile, axis, &self.outputs, ready, beyond),
             };
-            match attempt {
+            match self.releases.judge(axis, attempt) {
                 Attempt::NotYet => {}
                 Attempt::From(from, take_over_slope) => {
                     let take_over = Some(from);

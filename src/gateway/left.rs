@@ -8,14 +8,15 @@ use super::Options;
 use super::core::Core;
 use super::log::outputs::ENDING;
 use super::memory::{Memory, Recalled};
-use super::places::{Moves, Places, why_forgotten};
+use super::places::{Moves, Places, of_output, why_forgotten};
+use super::release::{Releases, extend};
 use super::storage::{keeping, newest_stamp, not_going_on};
 use super::store::{self, Entries, Entry, Opened, WHAT};
 use crate::clock::{Clock, Correction};
 use crate::observe::events::{Event, Journal};
 use isotherm_core::compensation::Stop;
 use isotherm_core::output::Account;
-use isotherm_core::place::{KnownOutput, OutputPlace};
+use isotherm_core::place::{KnownOutput, OutputPlace, Owner};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::Profile;
 
@@ -79,10 +80,39 @@ impl Left {
             Ok(None) | Err(_) => &nothing,
         };
         let places = recalled.places.clone();
-        let places = places.after(profile, &outputs(&recalled, entries), opened.is_first && !is_lost);
+        let mut places = places.after(profile, &outputs(&recalled, entries), opened.is_first && !is_lost);
+        places.keep(entries);
         let mut left = Left { recalled, correction: None, opened: Some(opened), places, is_lost };
         left.correction = left.recalled.goes_on((directory, machine), (journal, clock));
         left
+    }
+
+    /// Adds the registers that a person has released to the profile, with what the ledger has of them. None is added in a dry run,
+    /// and while a person has to answer for the state.
+    pub(super) fn extend(&mut self, profile: &mut Profile, dry_run: bool) -> Releases {
+        let Left { places, opened, is_lost, .. } = self;
+        let mut releases = Releases::of(profile, &places.former, &places.kept);
+        let Some(opened) = opened else { return releases };
+        let Ok(found) = &mut opened.found else { return releases };
+        if dry_run || *is_lost || opened.file.question().is_open() {
+            return releases;
+        }
+        let entries = &mut found.get_or_insert_default().outputs;
+        // Without an account nobody knows which part of a shared register is the operator's.
+        places.releases.retain(|release| {
+            let account = || places.kept.iter().find(|entry| entry.lies_at(&release.place))?.kept.account;
+            release.place.share == Owner::Whole || account().is_some_and(|account| account.doubt.is_none())
+        });
+        let returning = extend(profile, &places.releases);
+        places.releases.retain(|release| returning.iter().any(|one| one.release == *release));
+        for one in &returning {
+            let output = profile.output(one.output);
+            if let Some(kept) = places.kept_of(&one.release.place) {
+                entries.insert(output.name.clone(), Entry::new(of_output(profile, output), kept));
+            }
+        }
+        releases.returning = returning;
+        releases
     }
 }
 
@@ -141,7 +171,7 @@ pub(super) fn begin(core: &mut Core, (places, is_lost): (Places, bool), recalled
     core.board.recall(&recalled.values, now);
     core.places = Moves::new(places, &profile);
     core.storage.left_um.retain(|name, _| !core.places.is_in_doubt(name));
-    core.events.extend(core.places.events());
+    core.events.extend(core.places.events(&core.releases, &profile));
 }
 
 /// Names the nodes of entries as this profile does.
@@ -154,8 +184,9 @@ fn name_as(profile: &Profile, places: &Places, entries: &mut Entries) {
 
 /// Outputs as a run left them.
 fn outputs(recalled: &Recalled, entries: &Entries) -> BTreeMap<String, KnownOutput> {
+    let own = entries.iter().filter(|(name, entry)| !recalled.places.is_of_a_release(name, entry));
     let entries: BTreeMap<&String, &Entry> =
-        entries.iter().map(|(name, entry)| (recalled.renamed.get(name).unwrap_or(name), entry)).collect();
+        own.map(|(name, entry)| (recalled.renamed.get(name).unwrap_or(name), entry)).collect();
     let of_entries = entries.iter().filter_map(|(name, entry)| Some((*name, entry.place.as_ref()?)));
     // The state has also the outputs to which nothing was written.
     let all = of_entries.chain(&recalled.places.outputs);
@@ -189,13 +220,27 @@ fn remembered_places(directory: &Path, profile: &Profile) -> Places {
 /// Changes of the profile since the last run of a machine that are not confirmed, a sentence each. A state that cannot be read says
 /// nothing.
 pub fn moved_since(directory: &Path, profile: &Profile) -> Vec<String> {
-    let Some(mut content) = store::content(directory, &profile.name) else { return Vec::new() };
-    let Ok(mut recalled) = Memory::recall(content.state.take(), profile) else { return Vec::new() };
+    let Some((places, recalled)) = places_in(directory, profile) else { return Vec::new() };
+    let signals = recalled.moved.iter().map(|(signal, moved)| why_forgotten(signal, moved));
+    places.explain().into_iter().chain(signals).map(|why| why.to_string()).collect()
+}
+
+/// Returns the profile with the registers that a person has released, as the next gateway with this state directory runs it.
+pub fn with_releases(directory: &Path, mut profile: Profile) -> Profile {
+    if let Some((places, _)) = places_in(directory, &profile) {
+        extend(&mut profile, &places.releases);
+    }
+    profile
+}
+
+/// Places of a profile, and the state of a stopped machine. `None` if it cannot be read.
+fn places_in(directory: &Path, profile: &Profile) -> Option<(Places, Recalled)> {
+    let mut content = store::content(directory, &profile.name)?;
+    let mut recalled = Memory::recall(content.state.take(), profile).ok()?;
     name_as(profile, &recalled.places, &mut content.outputs);
     let left = outputs(&recalled, &content.outputs);
     let places = std::mem::take(&mut recalled.places).after(profile, &left, false);
-    let signals = recalled.moved.iter().map(|(signal, moved)| why_forgotten(signal, moved));
-    places.explain().into_iter().chain(signals).map(|why| why.to_string()).collect()
+    Some((places, recalled))
 }
 
 /// Whether a gateway may start with what lies in its directory.

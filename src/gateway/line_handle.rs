@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::core::Core;
 use super::shared::Shared;
-use super::signing;
+use super::{releasing, signing};
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::{Attribution, Witness};
 use crate::fieldbus::wire::Request;
@@ -48,6 +48,7 @@ impl LineHandle {
         let stepped = core.advance(now);
         if stepped {
             signing::follow(&mut core, now);
+            releasing::follow(&mut core);
         }
         let due = core.next_due;
         let looks_at_day = stepped && now >= core.day_due;

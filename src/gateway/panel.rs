@@ -10,10 +10,10 @@ use super::namespaces::confirm_namespaces;
 use super::probing::{Missed, acting, why_refused};
 use super::rates::{About, Now};
 use super::shared::Shared;
-use super::signing;
 use super::status::status;
 use super::storage::keeping::of_decisions;
 use super::why;
+use super::{releasing, signing};
 use crate::clock::Passing;
 use crate::observe::asker::Asker;
 use crate::observe::events::file::{self, Found};
@@ -84,6 +84,10 @@ impl Source for Panel {
 
     fn confirm(&self, device: &str, asker: &Asker) -> Result<Answer, String> {
         self.commands.confirm(device, asker)
+    }
+
+    fn release(&self, output: &str, asker: &Asker) -> Result<Answer, String> {
+        self.commands.release(output, asker)
     }
 
     fn logs(&self, from: Moment, to: Moment) -> Option<Vec<PathBuf>> {
@@ -179,7 +183,11 @@ impl CommandHandle {
 
     fn command(&self, command: Command, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String> {
         let shared = &*self.0;
-        let chosen = self.chosen(axis);
+        let chosen = match command {
+            // A person may end a release, too.
+            Command::Disarm | Command::Cancel => self.named(axis),
+            _ => self.chosen(axis),
+        };
         let name = |place: &usize| shared.profile.axes[*place].settings.name.clone();
         let names: Vec<String> = chosen.iter().flatten().map(name).collect();
         let said = names.join(", ");
@@ -287,8 +295,20 @@ impl CommandHandle {
         )))
     }
 
-    /// The places of the axes that are meant.
+    /// The places of the axes that are meant, without those that take a register back: `isotherm release` alone moves them.
     fn chosen(&self, axis: Option<&str>) -> Result<Vec<usize>, String> {
+        let mut places = self.named(axis)?;
+        places.retain(|place| !self.0.profile.is_release(AxisId(*place)));
+        match axis {
+            Some(axis) if places.is_empty() => Err(format!(
+                "axis {axis} only takes a register back to its base, which `isotherm release` asks for"
+            )),
+            _ => Ok(places),
+        }
+    }
+
+    /// The places of the axes that are meant.
+    fn named(&self, axis: Option<&str>) -> Result<Vec<usize>, String> {
         let axes = &self.0.profile.axes;
         let Some(axis) = axis else { return Ok((0..axes.len()).collect()) };
         let place = axes.iter().position(|known| known.settings.name == axis);
@@ -440,6 +460,18 @@ impl CommandHandle {
                 names => format!("{device}: confirmed; the next values of {} are accepted", names.join(", ")),
             }))
         })
+    }
+
+    /// Has a former register released. Its way back begins with the next start.
+    fn release(&self, output: &str, asker: &Asker) -> Result<Answer, String> {
+        if let Err(too_soon) = self.takes("release", &[About::Nothing]) {
+            return Ok(too_soon);
+        }
+        let command = format!("release {}", quoted(output));
+        self.carry_out((command, Vec::new()), asker, String::as_str, |core| {
+            releasing::ask(core, output, asker.way.by(&asker.who))
+        })
+        .map(Answer::Done)
     }
 
     /// The error is that of the diameter where the axis acts on one.

@@ -6,11 +6,16 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::release::{BY_HAND, Releases, bounds_of, layout};
+use super::store::{Entries, Entry};
 use crate::observe::events::Event;
-use isotherm_core::codec::{Encoding, Namespace, NodeId};
+use isotherm_core::codec::{Namespace, NodeId};
 use isotherm_core::explained::Explained;
 use isotherm_core::namespaces::KnownNamespaces;
-use isotherm_core::place::{self, Former, Found, KnownOutput, Moved, OutputPlace, Owner, Place, SignalPlace};
+use isotherm_core::output::Kept;
+use isotherm_core::place::{
+    self, Bounds, Former, Found, KnownOutput, Moved, OutputPlace, Owner, Place, Release, SignalPlace,
+};
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{AxisId, DeviceId, Output, OutputId, Profile, Share, Signal, Writes};
 
@@ -24,13 +29,22 @@ pub(super) struct Places {
     pub(super) signals: BTreeMap<String, SignalPlace>,
     /// Those that outputs had before, and that wait for a person.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    former: Vec<Former>,
+    pub(super) former: Vec<Former>,
     /// Outputs whose place was only read: the gateway has written nothing there.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     only_read: BTreeSet<String>,
     /// By address of an OPC UA server: URIs of the namespaces that the profile names by index.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     namespaces: BTreeMap<String, KnownNamespaces>,
+    /// By name of the output: within which bounds it is moved.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    bounds: BTreeMap<String, Bounds>,
+    /// What the ledger had of former places.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) kept: Vec<Entry>,
+    /// Registers that a person wants back at their base.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) releases: Vec<Release>,
 }
 
 /// Places of this run and what is reported of the former ones.
@@ -110,22 +124,19 @@ fn new_names<P: Place>(before: &BTreeMap<String, P>, now: &BTreeMap<String, P>) 
     renamed.collect()
 }
 
-/// Type and order of the bytes.
-fn layout(encoding: &Encoding) -> String {
-    let name = encoding.data_type.name();
-    let order = match encoding.data_type.registers() {
-        1 => String::new(),
-        _ => format!(" {}", encoding.word_order),
-    };
-    format!("{name}{order}{}", if encoding.byte_swap { " byte-swapped" } else { "" })
-}
-
 impl Places {
-    /// Places of a profile. Nothing is known of former ones.
+    /// Places of a profile. Nothing is known of former ones, and a register that is released is none.
     pub(super) fn of(profile: &Profile) -> Places {
-        let outputs = profile.outputs.iter().map(|output| (output.name.clone(), of_output(profile, output)));
+        let own = || profile.outputs.iter().filter(|output| !profile.is_release(output.axis));
+        let outputs = own().map(|output| (output.name.clone(), of_output(profile, output)));
         let signals = profile.signals.iter().map(|signal| (signal.name.clone(), of_signal(profile, signal)));
-        Places { outputs: outputs.collect(), signals: signals.collect(), ..Places::default() }
+        let bounds = own().map(|output| (output.name.clone(), bounds_of(profile, output)));
+        Places {
+            outputs: outputs.collect(),
+            signals: signals.collect(),
+            bounds: bounds.collect(),
+            ..Places::default()
+        }
     }
 
     /// The same, with each node named as in this profile if both names mean the same node: `ns=2;s=offset` and `nsu=urn:mill;s=offset`.
@@ -207,11 +218,13 @@ impl Places {
 
     /// The same with these new names of outputs.
     pub(super) fn renamed(self, names: &BTreeMap<String, String>) -> Places {
-        let outputs = renamed(self.outputs, names);
+        let (outputs, bounds) = (renamed(self.outputs, names), renamed(self.bounds, names));
         let former = self.former.into_iter().map(|former| former.renamed(names)).collect();
         let new = |name: String| names.get(&name).cloned().unwrap_or(name);
         let only_read = self.only_read.into_iter().map(new).collect();
-        Places { outputs, former, only_read, ..self }
+        let of_release = |release: Release| Release { output: new(release.output), ..release };
+        let releases = self.releases.into_iter().map(of_release).collect();
+        Places { outputs, former, only_read, bounds, releases, ..self }
     }
 
     /// Returns whether the gateway may have written to an output at its place.
@@ -236,10 +249,39 @@ impl Places {
             Some(Found::Unknown | Found::Removed) | None => is_new_unwritten,
         };
         let only_read = now.outputs.keys().filter(|name| is_only_read(name)).cloned().collect();
+        let mut former = Former::after(self.former, left, &now.outputs);
+        for former in former.iter_mut().filter(|former| former.bounds.is_none()) {
+            let known = self.outputs.get(&former.output).filter(|place| **place == former.place);
+            former.bounds = known.and_then(|_| self.bounds.get(&former.output).cloned());
+        }
         let mut namespaces = self.namespaces;
         namespaces.retain(|address, _| profile.buses.iter().any(|bus| bus.address == *address));
-        let former = Former::after(self.former, left, &now.outputs);
-        Places { former, only_read, namespaces, ..now }
+        let mut releases = self.releases;
+        releases.retain(|release| now.outputs.values().all(|place| !place.is_at(&release.place)));
+        Places { former, only_read, kept: self.kept, releases, namespaces, ..now }
+    }
+
+    /// Keeps what the ledger has of former places. It is newer than what was kept of them before.
+    pub(super) fn keep(&mut self, entries: &Entries) {
+        let Places { kept, former, releases, .. } = self;
+        let places = || former.iter().map(|one| &one.place).chain(releases.iter().map(|one| &one.place));
+        let is_former = |entry: &Entry| places().any(|place| entry.lies_at(place));
+        let is_same =
+            |one: &Entry, other: &Entry| one.place.as_ref().is_some_and(|place| other.lies_at(place));
+        kept.retain(|entry| is_former(entry) && entries.values().all(|newer| !is_same(newer, entry)));
+        kept.extend(entries.values().filter(|entry| is_former(entry)).cloned());
+    }
+
+    /// What the ledger had of a former place.
+    pub(super) fn kept_of(&self, place: &OutputPlace) -> Option<Kept> {
+        self.kept.iter().find(|entry| entry.lies_at(place)).map(|entry| entry.kept)
+    }
+
+    /// Returns whether an entry of the ledger is that of a register which a release has moved, and no output's of the last run.
+    pub(super) fn is_of_a_release(&self, name: &str, entry: &Entry) -> bool {
+        let former = self.former.iter().map(|former| &former.place);
+        let mut places = former.chain(self.releases.iter().map(|release| &release.place));
+        !self.outputs.contains_key(name) && places.any(|place| entry.lies_at(place))
     }
 
     /// Cz that a corrected position had last, in µm of the axis that it has now. `None` if its place does not tell.
@@ -265,7 +307,8 @@ impl Places {
                 format!(
                     "output {output} is not in the profile any more; {held} of ours were verified in {place}"
                 ),
-                "set that register to zero at the control unless the operator needs the value, then arm the axis",
+                "take it back with `isotherm release`, or set that register to zero at the control unless the operator needs the \
+                 value; then arm the axis",
             );
         };
         let held = held.map_or("what it held is not known".to_owned(), |held| {
@@ -355,15 +398,15 @@ impl Moves {
         self.places.former.iter().any(|former| former.output == output)
     }
 
-    /// Events of a start.
-    pub(super) fn events(&self) -> Vec<Event> {
+    /// Events of a start. A register on its way back is reported when its axis is armed.
+    pub(super) fn events(&self, releases: &Releases, profile: &Profile) -> Vec<Event> {
         let mut events = Vec::new();
         for former in &self.places.former {
             events.extend(self.moved(former, None));
-            if former.is_left_behind(&self.places.outputs) {
-                let register = former.place.to_string();
-                let held = former.held_um.and_then(Micron::new).unwrap_or_default();
-                events.push(Event::RegisterLeft { output: former.output.clone(), register, held });
+            let is_of_it = |release: &Release| release.is_of(&former.output, &former.place);
+            let is_returning = releases.returning.iter().any(|one| is_of_it(&one.release));
+            if former.is_left_behind(&self.places.outputs) && !is_returning {
+                events.push(register_left(former, releases, profile));
             }
         }
         events
@@ -411,6 +454,23 @@ impl Moves {
         confirmed.dedup();
         confirmed.into_iter().map(|output| Event::PlaceConfirmed { output }).collect()
     }
+}
+
+/// Event of a register that is no output's any more and keeps a value of ours.
+pub(super) fn register_left(former: &Former, releases: &Releases, profile: &Profile) -> Event {
+    let (output, path) = (former.output.clone(), profile.path.display());
+    let hint = match releases.obstacle(&former.place) {
+        None => format!(
+            "take it back with `isotherm release {path} {output}`, or set that register to zero at the control unless the operator \
+             needs the value; then arm the axis"
+        ),
+        Some(why) => {
+            let remedy = why.hint.unwrap_or(BY_HAND.into());
+            format!("`isotherm release` cannot take it back: {}; {remedy}", why.cause)
+        }
+    };
+    let held = former.held_um.and_then(Micron::new).unwrap_or_default();
+    Event::RegisterLeft { output, register: former.place.to_string(), held, hint }
 }
 
 /// The same by the new names of the outputs.

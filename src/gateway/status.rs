@@ -12,6 +12,7 @@ use super::extrapolation;
 use super::lock::LockTimes;
 use super::output::Outputs;
 use super::probing::why_refused;
+use super::releasing;
 use super::reported::Reported;
 use super::shared::Shared;
 use super::sign::SignMemory;
@@ -19,15 +20,15 @@ use super::stand_in;
 use super::why::Reasons;
 use crate::clock::{Synchronised, zone};
 use crate::observe::status::{
-    AxisStatus, BusStatus, DeviceStatus, GainStatus, OutputStatus, ProbeStatus, ProbedStatus, SharesStatus,
-    SignalStatus, Status, WaitingStatus,
+    AxisStatus, BusStatus, DeviceStatus, GainStatus, LeftStatus, OutputStatus, ProbeStatus, ProbedStatus,
+    SharesStatus, SignalStatus, Status, WaitingStatus,
 };
 use isotherm_core::compensation::{Decision, Probe, Stages};
 use isotherm_core::display::Intent;
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
-use isotherm_profile::DeviceId;
+use isotherm_profile::{Axis, DeviceId, Purpose};
 
 struct Picture {
     now: Moment,
@@ -46,6 +47,7 @@ struct Picture {
     seen: Vec<Reading>,
     contact: Contact,
     devices: Devices,
+    left: Vec<LeftStatus>,
     log_dropped: u64,
     lock_times: LockTimes,
 }
@@ -71,6 +73,7 @@ impl Picture {
             seen: Vec::new(),
             contact: core.contact.clone(),
             devices: core.devices.clone(),
+            left: releasing::left(&core),
             log_dropped: core.storage.dropped(),
             lock_times: core.lock_times,
         };
@@ -131,6 +134,7 @@ pub(super) fn status(shared: &Shared) -> Status {
         outputs: outputs(shared, &picture),
         alarms: shared.journal.alarms(),
         events,
+        left: picture.left.clone(),
         log_dropped: picture.log_dropped,
         event_counts,
         mqtt: shared.broker.as_ref().map(|figures| figures.read()),
@@ -175,9 +179,12 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
             (decision.state, picture.intent(shared, place)),
             (&picture.contact, shared.dry_run),
         ),
-        waiting: picture.arming[place].asked.as_ref().map(|asked| WaitingStatus {
-            asked: asked.by.way.by(&asked.by.who),
-            expires_s: asked.until.since(picture.now).as_secs_f64(),
+        // The request of a release does not expire.
+        waiting: picture.arming[place].asked.as_ref().filter(|_| !is_release(axis)).map(|asked| {
+            WaitingStatus {
+                asked: asked.by.way.by(&asked.by.who),
+                expires_s: asked.until.since(picture.now).as_secs_f64(),
+            }
         }),
         has_model: axis.has_model(),
         why: picture.why(shared, place),
@@ -201,7 +208,8 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
         error_um: axis.settings.levels.error.map(Micron::get),
         tripped: decision.tripped,
         armed: picture.arming[place].armed,
-        left_off: axis.has_model() && picture.arming[place].is_left_off(&shared.profile),
+        left_off: axis.has_model()
+            && (is_release(axis) || picture.arming[place].is_left_off(&shared.profile)),
         sign: picture.arming[place]
             .sign
             .as_ref()
@@ -217,6 +225,11 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
             .map(|found| stand_in::status(&shared.profile, found, |at| shared.clock.stamp(at))),
     })
     .collect()
+}
+
+/// Returns whether an axis takes a register back. It compensates nothing, so the machine does not lack it.
+fn is_release(axis: &Axis) -> bool {
+    axis.purpose == Purpose::Release
 }
 
 fn probe(shared: &Shared, picture: &Picture, place: usize) -> Option<ProbeStatus> {

@@ -22,7 +22,7 @@ use crate::clock::{Clock, Correction};
 use crate::observe::events::Journal;
 use isotherm_core::compensation::{Compensation, Control, Snapshot, Stop};
 use isotherm_core::quantity::{Micron, Moment, Shifted};
-use isotherm_profile::{OutputId, Profile};
+use isotherm_profile::{Output, OutputId, Profile};
 
 mod events;
 pub(super) mod keeping;
@@ -187,6 +187,16 @@ impl Storage {
         }
     }
 
+    /// Returns whether a person has to answer for the state first.
+    pub(super) fn is_in_question(&self) -> bool {
+        self.writer.as_ref().is_some_and(|writer| writer.question().is_open())
+    }
+
+    /// Returns whether nothing is ever kept.
+    pub(super) fn keeps_nothing(&self) -> bool {
+        self.writer.is_none()
+    }
+
     pub(super) fn zeroed(&mut self, at: Moment, axis: Option<usize>) {
         if let Some(recorder) = &mut self.recorder {
             recorder.zeroed(at, axis);
@@ -222,7 +232,8 @@ impl Storage {
         let is_due = is_urgent || self.remembered.is_none_or(|last| now.since(last) >= REMEMBER_EVERY);
         let Some(writer) = self.writer.as_ref().filter(|_| is_due) else { return };
         self.remembered = Some(now);
-        let verified = profile.outputs.iter().zip(outputs).filter(|(output, _)| remembers_cz(output.writes));
+        let is_remembered = |output: &Output| remembers_cz(output.writes) && !profile.is_release(output.axis);
+        let verified = profile.outputs.iter().zip(outputs).filter(|(output, _)| is_remembered(output));
         let left = |name: &String| self.left_um.get(name).copied();
         let verified = verified.filter_map(|(output, state)| {
             let cz = state.cz.map(Micron::get).or_else(|| left(&output.name))?;

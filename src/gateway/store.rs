@@ -5,8 +5,8 @@
 //! NAME.number        17 1795823557453364912 1c291ca3
 //! ```
 //!
-//! The state has the time since machine start, references and lags, by name of signal and axis, and the places of signals and
-//! outputs. The outputs have what may still appear in a register, and the division of a shared one. Layout 5 has no places. The
+//! The state has the time since machine start, references and lags, by name of signal and axis, the places of signals and outputs with
+//! the bounds of the outputs, and the releases of former places. The outputs have what may still appear in a register, and the division of a shared one. Layout 5 has no places. The
 //! seal of the document:
 //!
 //! - `checksum`: CRC-32 of every byte of the file, with its own digits as zeros.

@@ -227,7 +227,11 @@ pub enum Event {
         register: String,
         #[serde(rename = "held_um")]
         held: Micron,
+        #[serde(skip)]
+        hint: String,
     },
+    /// A register that was no output's any more was read back at its base, where a person wanted it.
+    RegisterReleased { output: String, register: String },
     /// A person has armed the axis and so confirmed the place of this output.
     PlaceConfirmed { output: String },
     /// A signal has another place than in the last run: what was captured from it is captured again.

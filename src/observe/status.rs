@@ -17,8 +17,10 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::{Language, Overridden};
 
 mod broker;
+mod left;
 
 pub use broker::{BrokerFigures, BrokerStatus};
+pub use left::{LeftState, LeftStatus};
 
 /// Whoever shows the state of a running gateway, from any thread, without making it wait.
 pub trait Source: Send + Sync + 'static {
@@ -61,6 +63,13 @@ pub trait Source: Send + Sync + 'static {
     /// # Errors
     /// A sentence that says why not.
     fn confirm(&self, device: &str, asker: &Asker) -> Result<Answer, String>;
+
+    /// Has a register that is no output's any more taken back to its base, from the next start on: a person wants it. The answer is a
+    /// sentence.
+    ///
+    /// # Errors
+    /// A sentence that says why not.
+    fn release(&self, output: &str, asker: &Asker) -> Result<Answer, String>;
 
     /// The logs of decisions that may have rows of this span; `None` where none are kept.
     fn logs(&self, from: Moment, to: Moment) -> Option<Vec<PathBuf>>;
@@ -212,6 +221,8 @@ pub struct Status {
     pub devices: Vec<DeviceStatus>,
     /// In the profile's order.
     pub outputs: Vec<OutputStatus>,
+    /// Registers that are no output's any more and keep a value of ours.
+    pub left: Vec<LeftStatus>,
     /// Rows of the log and states that found the queue to the disk full, and are lost.
     pub log_dropped: u64,
     /// What went wrong and has not come to its end, the newest first.

@@ -88,6 +88,11 @@ impl Source for Fake {
         Ok(Answer::Done(format!("device {device} is confirmed")))
     }
 
+    fn release(&self, output: &str, asker: &Asker) -> Result<Answer, String> {
+        self.askers.lock().unwrap().push(format!("{asker:?} has released {output}"));
+        Ok(Answer::Done(format!("output {output} is released")))
+    }
+
     fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String> {
         self.askers.lock().unwrap().push(format!("{asker:?} has seen {}", alarm.unwrap_or("all")));
         match alarm {
@@ -251,6 +256,7 @@ pub(crate) fn status() -> Status {
             data: serde_json::Value::Null,
             text: "signal t1: stale".into(),
         }],
+        left: Vec::new(),
         log_dropped: 3,
         mqtt: None,
         event_counts: BTreeMap::from([("signal-bad", 4)]),

@@ -33,6 +33,7 @@ const VERBS: &[&str] = &[
     "zero",
     "measured",
     "confirm",
+    "release",
     "trace",
     "schema",
     "completions",
@@ -550,7 +551,7 @@ fn status_has_the_content_of_the_page_for_people_programs_and_a_watchdog() {
 }
 
 /// Each verb as somebody may call it; what it needs lies in its directory.
-const CALLS: [&[&str]; 34] = [
+const CALLS: [&[&str]; 35] = [
     &["--help"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0", "--json"],
@@ -575,6 +576,7 @@ const CALLS: [&[&str]; 34] = [
     &["zero", "machine.toml", "--state", "state"],
     &["measured", "machine.toml", "z", "1.5"],
     &["confirm", "machine.toml", "thermocouples", "--state", "state"],
+    &["release", "machine.toml", "cnc_z", "--state", "state"],
     &["trace", "machine.toml", "thermocouples", "--for", "1s"],
     &["events", "machine.toml", "--state", "state"],
     &["status", "machine.toml", "--state", "state"],

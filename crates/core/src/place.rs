@@ -16,6 +16,10 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+mod release;
+
+pub use release::{Bounds, Line, Obstacle, Release, Stage};
+
 /// Less than this is nothing in a register, µm.
 const NOTHING_UM: f64 = 0.05;
 
@@ -282,9 +286,20 @@ pub struct Former {
     pub held_um: Option<f64>,
     /// The axes that are off until a person arms them.
     pub axes: BTreeSet<String>,
+    /// Bounds within which the gateway moved it. `None` if an earlier version of the program has saved the state.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bounds: Option<Bounds>,
+    /// Cz that a release has found in it, if that was another one than verified last, µm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub found_um: Option<f64>,
 }
 
 impl Former {
+    /// Place of which nothing is known but this.
+    fn of(output: String, place: OutputPlace, held_um: Option<f64>) -> Former {
+        Former { output, place, held_um, axes: BTreeSet::new(), bounds: None, found_um: None }
+    }
+
     /// The output has a new name at the same place.
     pub fn renamed(self, names: &BTreeMap<String, String>) -> Former {
         let output = names.get(&self.output).cloned().unwrap_or(self.output);
@@ -309,7 +324,7 @@ impl Former {
         let mut all = open;
         for (name, known) in remembered {
             let (output, KnownOutput { place, held_um, .. }) = (name.clone(), known.clone());
-            let former = Former { output, place, held_um, axes: BTreeSet::new() };
+            let former = Former::of(output, place, held_um);
             let is_in_doubt = match found.get(name) {
                 Some(Found::Moved(_)) => !back.contains(name) && known.is_in_doubt(profile.get(name)),
                 Some(Found::Removed) => known.was_driven && former.keeps_something(),

@@ -51,10 +51,10 @@ pub use load::{
 };
 pub use overridden::Overridden;
 pub use sources::{SOURCES_MARK, Sources};
-pub use tables::axis::Axis;
 pub use tables::axis::model::network;
 pub use tables::axis::model::seals::{sha256, sha256_of};
 pub use tables::axis::probe::ProbeInput;
+pub use tables::axis::{Axis, Purpose};
 pub use tables::bus::opcua::{NamedFile, OpcUa, Security, User, server_url};
 pub use tables::bus::serial::{Parity, Serial};
 pub use tables::bus::tls::{PemFile, TLS_PORT, Tls};
@@ -203,6 +203,11 @@ impl Profile {
     /// The axis.
     pub fn axis(&self, id: AxisId) -> &Axis {
         &self.axes[id.0]
+    }
+
+    /// Returns whether an axis takes a register that is no output's any more back to its base.
+    pub fn is_release(&self, id: AxisId) -> bool {
+        self.axis(id).purpose == Purpose::Release
     }
 
     /// The output.

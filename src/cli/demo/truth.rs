@@ -88,6 +88,10 @@ impl Source for WithTruth {
         self.source.confirm(device, asker)
     }
 
+    fn release(&self, output: &str, asker: &Asker) -> Result<Answer, String> {
+        self.source.release(output, asker)
+    }
+
     fn turned_away(&self, command: &str, asker: &Asker, why: &str) {
         self.source.turned_away(command, asker, why);
     }

@@ -111,18 +111,47 @@ pub fn sign(
 ///
 /// # Errors
 /// No gateway runs there, it refuses, or the other program ends or does not answer.
-pub fn restart(path: &Path, within: Duration, mut show: impl FnMut(&str)) -> Result<String, Failure> {
-    let begin = |line: &str| {
-        let stream = tell(path, line, PATIENCE)?;
-        // The other program runs in the same process.
-        let process = Process::behind(&stream);
-        Ok::<_, Failure>((process, answered(stream)?))
-    };
-    let (process, asked) = match begin(&format!("restart within={}", within.as_secs_f64())) {
+pub fn restart(path: &Path, within: Duration, show: impl FnMut(&str)) -> Result<String, Failure> {
+    let begun = match begin(path, &format!("restart within={}", within.as_secs_f64())) {
         // A gateway of an older version knows the bare word only, and has its own time for the check.
-        Err(Failure::Refused(why)) if why.starts_with(UNKNOWN) => begin("restart")?,
+        Err(Failure::Refused(why)) if why.starts_with(UNKNOWN) => begin(path, "restart")?,
         begun => begun?,
     };
+    replaced(path, begun, within, show)
+}
+
+/// Asks the running gateway to take a register that is no output's any more back to its base, which it does after it was replaced as by
+/// [`restart`]. Its state then, as JSON.
+///
+/// # Errors
+/// As [`restart`]; there is no such register, or it cannot be taken back.
+pub fn release(
+    path: &Path,
+    output: &str,
+    within: Duration,
+    show: impl FnMut(&str),
+) -> Result<String, Failure> {
+    let begun = begin(path, &format!("release {output} within={}", within.as_secs_f64()))?;
+    replaced(path, begun, within, show)
+}
+
+/// Process of a gateway that is asked to make room for another program, and the beginning of its answer.
+type Begun = (Option<Process>, Answered);
+
+fn begin(path: &Path, line: &str) -> Result<Begun, Failure> {
+    let stream = tell(path, line, PATIENCE)?;
+    // The other program runs in the same process.
+    let process = Process::behind(&stream);
+    Ok((process, answered(stream)?))
+}
+
+/// Waits until the other program answers.
+fn replaced(
+    path: &Path,
+    (process, asked): Begun,
+    within: Duration,
+    mut show: impl FnMut(&str),
+) -> Result<String, Failure> {
     let (said, lines) = stay(asked, &mut show)?;
     show(&said);
     let until = Passing::default().passed() + REPLACED_WITHIN;

@@ -5,6 +5,9 @@
 //! open until this program is gone; or `wrong …` where the profile is, or `error …`. `restart wrong` only notes that whoever wanted
 //! it has found the profile wrong; `restart wrong PATH` does where that is the profile of this gateway, for one in which no name
 //! can be read.
+//!
+//! `release cnc_z`, or `release cnc_z within=10`, is the same, and a register that is no output's any more is taken back to its base
+//! after it.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,8 +19,12 @@ use super::{Desk, STILL, said_in_a_line, say};
 use crate::clock::Passing;
 use crate::gateway::successor::{CHECKED_WITHIN, Unfit};
 use crate::observe::asker::{Asker, Connection, PATIENCE, Way};
+use crate::observe::status::Answer;
 
 const RESTART: &str = "restart";
+const RELEASE: &str = "release ";
+/// Beginning of the word that says how long the check may take.
+const WITHIN: &str = " within=";
 /// No check takes longer, whatever a client says.
 const LONGEST_CHECK: Duration = Duration::from_secs(600);
 /// How much longer than the check itself its end may take: the disk must take one small file.
@@ -29,6 +36,11 @@ pub(super) enum Request<'a> {
     Restart {
         within: Duration,
     },
+    /// The former register of this output is taken back to its base after the restart.
+    Release {
+        output: &'a str,
+        within: Duration,
+    },
     /// The profile may be named by its path.
     Wrong(Option<&'a Path>),
 }
@@ -37,18 +49,37 @@ impl<'a> Request<'a> {
     /// `None` where the line is another command.
     pub(super) fn parse(line: &'a str) -> Option<Request<'a>> {
         let line = line.rsplit_once(" until=").map_or(line, |(line, _)| line);
+        if let Some(more) = line.strip_prefix(RELEASE) {
+            let (output, within) = match more.split_once(WITHIN) {
+                Some((output, seconds)) => (output, span(seconds)?),
+                None => (more, CHECKED_WITHIN),
+            };
+            let is_a_word = !output.is_empty() && !output.contains(' ');
+            return is_a_word.then_some(Request::Release { output, within });
+        }
         match line.strip_prefix(RESTART)? {
             "" => Some(Request::Restart { within: CHECKED_WITHIN }),
             " wrong" => Some(Request::Wrong(None)),
-            more => match more.strip_prefix(" within=") {
-                Some(seconds) => {
-                    let within = Duration::try_from_secs_f64(seconds.parse().ok()?).ok()?;
-                    Some(Request::Restart { within: within.min(LONGEST_CHECK) })
-                }
+            more => match more.strip_prefix(WITHIN) {
+                Some(seconds) => Some(Request::Restart { within: span(seconds)? }),
                 None => more.strip_prefix(" wrong ").map(|path| Request::Wrong(Some(Path::new(path)))),
             },
         }
     }
+
+    /// Returns whether its client stays connected until another program has taken over.
+    pub(super) fn stays(self) -> bool {
+        match self {
+            Request::Restart { .. } | Request::Release { .. } => true,
+            Request::Wrong(_) => false,
+        }
+    }
+}
+
+/// Time for a check, of this many seconds.
+fn span(seconds: &str) -> Option<Duration> {
+    let span = Duration::try_from_secs_f64(seconds.parse().ok()?).ok()?;
+    Some(span.min(LONGEST_CHECK))
 }
 
 pub(super) async fn serve(
@@ -63,8 +94,9 @@ pub(super) async fn serve(
         Asker::new(Way::Socket, who.clone()).until(until).at(connection)
     };
     let refused = |why: &str| desk.source.turned_away(RESTART, &asker(), why);
-    let within = match request {
-        Request::Restart { within } => within,
+    let (within, released) = match request {
+        Request::Restart { within } => (within, None),
+        Request::Release { output, within } => (within, Some(output)),
         Request::Wrong(path) => {
             let runs = |path| desk.successor.as_ref().is_some_and(|successor| successor.runs_profile(path));
             if !path.is_none_or(runs) {
@@ -96,14 +128,28 @@ pub(super) async fn serve(
         }
     };
     let (word, why) = match checked {
-        Ok(checked) => match successor.take_over(&asker(), checked) {
-            Ok(said) => {
-                say(writer, &said_in_a_line("ok", &said)).await?;
-                // Its end tells that this program is gone.
-                return std::future::pending().await;
+        Ok(checked) => {
+            if let Some(output) = released {
+                match desk.source.release(output, &asker()) {
+                    Ok(Answer::Done(said)) => say(writer, &said_in_a_line("waits", &said)).await?,
+                    Ok(Answer::Waits(why) | Answer::TooSoon(why)) | Err(why) => {
+                        return say(writer, &said_in_a_line("error", &why)).await;
+                    }
+                }
             }
-            Err(why) => return say(writer, &said_in_a_line("error", &why)).await,
-        },
+            match successor.take_over(&asker(), checked) {
+                Ok(said) => {
+                    say(writer, &said_in_a_line("ok", &said)).await?;
+                    // Its end tells that this program is gone.
+                    return std::future::pending().await;
+                }
+                Err(why) if released.is_some() => {
+                    let why = format!("{why}; the register goes back after the next start");
+                    return say(writer, &said_in_a_line("error", &why)).await;
+                }
+                Err(why) => return say(writer, &said_in_a_line("error", &why)).await,
+            }
+        }
         Err(Unfit::Profile(why)) => ("wrong", format!("the profile is wrong: {why}")),
         Err(Unfit::Other(why)) => ("error", why),
     };

@@ -49,6 +49,10 @@ impl Source for Fake {
         Err(format!("there is no device {device}"))
     }
 
+    fn release(&self, output: &str, _: &Asker) -> Result<Answer, String> {
+        Err(format!("nothing is left of {output}"))
+    }
+
     fn logs(&self, _: Moment, _: Moment) -> Option<Vec<PathBuf>> {
         None
     }
@@ -254,4 +258,19 @@ fn only_a_whole_wish_for_a_wire_log_is_one() {
     }
     assert!(TraceRequest::parse("trace cnc 0.5 json").is_some());
     assert!(TraceRequest::parse("trace cnc 1e9 text").is_some_and(|request| request.span == LONGEST_TRACE));
+}
+
+#[test]
+fn a_release_names_one_output_and_its_client_stays() {
+    let parse = restart::Request::parse;
+    let seconds = |seconds: u64| Duration::from_secs(seconds);
+    let release = |output, within| Some(restart::Request::Release { output, within });
+    assert_eq!(parse("release cnc_z"), release("cnc_z", seconds(60)));
+    assert_eq!(parse("release cnc_z within=10 until=8123.25"), release("cnc_z", seconds(10)));
+    assert_eq!(parse("release cnc_z within=1e9"), release("cnc_z", seconds(600)));
+    for line in ["release", "release ", "release a b", "release cnc_z within=soon", "released cnc_z"] {
+        assert_eq!(parse(line), None, "{line}");
+    }
+    let stays = ["release cnc_z", "restart", "restart within=10", "restart wrong", "restart wrong a.toml"];
+    assert_eq!(stays.map(|line| parse(line).unwrap().stays()), [true, true, true, false, false]);
 }

@@ -9,7 +9,7 @@ use super::{
 use crate::clock::Correction;
 use isotherm_core::compensation::{Control, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::{Moment, Shift, Shifted, time};
-use isotherm_profile::{Axis, Profile};
+use isotherm_profile::{Axis, Profile, Purpose};
 
 /// Turns steps into rows.
 #[derive(Clone, Debug)]
@@ -41,18 +41,18 @@ impl Recorder {
     /// For the axes of this profile.
     pub fn new(profile: &Profile) -> Recorder {
         let names = |axis: &Axis| axis.settings.models.iter().map(|model| cell(&model.name)).collect();
-        let models = profile.axes.iter().map(names).collect();
-        let apart = profile.axes.iter().map(|axis| axis.settings.intercept_slope.is_some()).collect();
-        let probed = profile.axes.iter().map(|axis| axis.settings.probe.is_some()).collect();
+        let models = recorded(profile).map(names).collect();
+        let apart = recorded(profile).map(|axis| axis.settings.intercept_slope.is_some()).collect();
+        let probed = recorded(profile).map(|axis| axis.settings.probe.is_some()).collect();
         Recorder {
             models,
             apart,
             probed,
-            expected: profile.axes.iter().map(Axis::says_how_wrong).collect(),
-            watched: profile.axes.iter().map(is_watched).collect(),
+            expected: recorded(profile).map(Axis::says_how_wrong).collect(),
+            watched: recorded(profile).map(is_watched).collect(),
             signals: profile.signals.iter().map(|signal| cell(&signal.name)).collect(),
             memory: None,
-            axes: profile.axes.iter().map(|axis| axis.settings.name.clone()).collect(),
+            axes: recorded(profile).map(|axis| axis.settings.name.clone()).collect(),
             zeroed: Vec::new(),
             shift: Shift::default(),
             correction: None,
@@ -74,7 +74,7 @@ impl Recorder {
             header += ",";
             header += &cell(&signal.name);
         }
-        for axis in &profile.axes {
+        for axis in recorded(profile) {
             let slope = axis.settings.intercept_slope.map(|_| [RETURN_SLOPE, SLOPE_FROM, SLOPE]);
             let probe = axis.settings.probe.map(|_| [MEASURED, ACTING, FORGET, CORRECTION]);
             let expected = axis.says_how_wrong().then_some(EXPECTED);
@@ -184,6 +184,11 @@ impl Recorder {
         self.line.push(b'\n');
         &self.line
     }
+}
+
+/// The axes that have columns: those of the profile file, which come first. The log of the outputs has what a release does.
+fn recorded(profile: &Profile) -> impl Iterator<Item = &Axis> {
+    profile.axes.iter().take_while(|axis| axis.purpose == Purpose::Compensation)
 }
 
 /// What its models read is watched for standing still.

@@ -2,8 +2,8 @@ use std::path::Path;
 
 use super::*;
 use isotherm_core::codec::{
-    Address, BitField, BitKind, ByteOrder, CanId, CanMatch, DataType, Field, Node, Object, Scale, Selector,
-    WordOrder,
+    Address, BitField, BitKind, ByteOrder, CanId, CanMatch, DataType, Encoding, Field, Node, Object,
+    Register, Scale, Selector, WordOrder,
 };
 use isotherm_core::namespaces::Located;
 
@@ -49,7 +49,7 @@ fn a_place_names_line_device_register_and_worth_of_a_count() {
 fn the_same_profile_bars_nothing_and_reports_nothing() {
     let profile = grinder();
     let moves = started(&profile, &profile, Some(20.0));
-    assert_eq!(moves.barred(&profile).len() + moves.events().len(), 0);
+    assert_eq!(moves.barred(&profile).len() + moves.events(&Releases::default(), &profile).len(), 0);
     assert_eq!(moves.places.explain().len(), 0);
 }
 
@@ -68,7 +68,7 @@ fn a_moved_output_bars_its_axis_until_a_person_confirms_and_its_first_read_is_re
     let was =
         format!("output {name} was scale {scale}, 20.0 µm of ours were verified there; it is scale -{scale}");
     assert_eq!(why.cause, was);
-    assert_eq!(kinds(&moves.events()), ["output-moved"]);
+    assert_eq!(kinds(&moves.events(&Releases::default(), &after)), ["output-moved"]);
     let (event, why) = moves.read(OutputId(id), &name, || "-20.0 µm".to_owned()).unwrap();
     assert_eq!(kinds(&[event]), ["output-moved"]);
     assert_eq!(why.cause, format!("{was}; its register holds -20.0 µm now"));
@@ -240,4 +240,105 @@ fn the_texts_of_places_on_disk_are_what_earlier_versions_have_written() {
     assert_eq!(corrected.name(), "corrected");
     let owners = serde_json::to_string(&[Owner::Whole, Owner::Ledger]).unwrap();
     assert_eq!(owners, r#"["whole","ledger"]"#);
+}
+
+/// The grinder, and the same with its offset in another register.
+fn elsewhere() -> (Profile, Profile, usize) {
+    let before = grinder();
+    let mut after = before.clone();
+    let place = after.outputs.iter().position(|output| output.writes.is_cz()).unwrap();
+    let offset = after.outputs[place].address.register().unwrap().offset + 400;
+    after.outputs[place].address = format!("holding:{offset}").parse::<Register>().unwrap().into();
+    (before, after, place)
+}
+
+#[test]
+fn a_former_place_has_the_bounds_that_the_state_has_and_none_in_a_document_without_them() {
+    let (before, after, place) = elsewhere();
+    let name = &before.outputs[place].name;
+    let left = |places: &Places| {
+        let known =
+            |place: &OutputPlace| KnownOutput { place: place.clone(), held_um: Some(20.0), was_driven: true };
+        let left = places.outputs.iter().map(|(name, place)| (name.clone(), known(place)));
+        left.collect()
+    };
+    let places = Places::of(&before);
+    let known = left(&places);
+    let mut saved = serde_json::to_value(&places).unwrap();
+    let found = places.after(&after, &known, false);
+    let former = found.former.iter().find(|former| former.output == *name).unwrap();
+    assert_eq!(former.bounds, Some(bounds_of(&before, &before.outputs[place])));
+    let events = Moves::new(found.clone(), &after).events(&Releases::of(&after, &found.former, &[]), &after);
+    assert_eq!(kinds(&events), ["output-moved", "register-left"]);
+    let text = events[1].entry(isotherm_core::quantity::Moment::default()).text;
+    assert!(text.contains(&format!("isotherm release grinder.toml {name}")), "{text}");
+    // Over a further start the bounds are those of the place, not those of the profile.
+    let again = found.clone().after(&after, &left(&found), false);
+    assert_eq!(again.former[0].bounds, found.former[0].bounds);
+
+    assert!(saved.as_object_mut().unwrap().remove("bounds").is_some());
+    let of_today: Places = serde_json::from_value(saved).unwrap();
+    let found = of_today.clone().after(&after, &left(&of_today), false);
+    assert_eq!(found.former[0].bounds, None);
+    let events = Moves::new(found.clone(), &after).events(&Releases::of(&after, &found.former, &[]), &after);
+    let text = events[1].entry(isotherm_core::quantity::Moment::default()).text;
+    assert!(text.contains("an earlier version of the program wrote it; set that register to zero"), "{text}");
+}
+
+#[test]
+fn what_the_ledger_has_of_a_former_place_is_kept_until_nothing_is_left_there() {
+    let (before, after, place) = elsewhere();
+    let output = &before.outputs[place];
+    let kept = isotherm_core::output::Kept { in_order: true, ..Default::default() };
+    let entry = Entry::new(of_output(&before, output), kept);
+    let entries: Entries = [(output.name.clone(), entry.clone())].into();
+    let mut places = started_places(&before, &after);
+    places.keep(&entries);
+    assert_eq!(places.kept, std::slice::from_ref(&entry));
+    // The ledger has another register under its name by now.
+    let other = Entry::new(of_output(&after, &after.outputs[place]), kept);
+    let entries: Entries = [(output.name.clone(), other.clone())].into();
+    places.keep(&entries);
+    assert_eq!(places.kept, std::slice::from_ref(&entry));
+    assert!(
+        places.is_of_a_release("cnc_z_released", &entry) && !places.is_of_a_release(&output.name, &other)
+    );
+    // A release has moved the register.
+    let kept = isotherm_core::output::Kept { in_order: false, ..kept };
+    let newer = Entry::new(of_output(&before, output), kept);
+    places.keep(&[("cnc_z_released".to_owned(), newer.clone())].into());
+    assert_eq!(
+        (places.kept.as_slice(), places.kept_of(&of_output(&before, output))),
+        (&[newer][..], Some(kept))
+    );
+    places.former.clear();
+    places.keep(&entries);
+    assert_eq!(places.kept, []);
+}
+
+fn started_places(before: &Profile, after: &Profile) -> Places {
+    Places::clone(&started(before, after, Some(20.0)).places)
+}
+
+#[test]
+fn a_release_ends_when_an_output_has_its_register_again() {
+    let (before, after, place) = elsewhere();
+    let mut places = started_places(&before, &after);
+    let former = places.former[0].clone();
+    places.releases.push(Release {
+        output: former.output.clone(),
+        place: former.place.clone(),
+        bounds: bounds_of(&before, &before.outputs[place]),
+        from_um: 20.0,
+        held_um: 12.0,
+        stage: isotherm_core::place::Stage::Begun,
+        by: "by a test".to_owned(),
+    });
+    let text = serde_json::to_string(&places).unwrap();
+    assert_eq!(serde_json::from_str::<Places>(&text).unwrap(), places);
+    let nothing = BTreeMap::new();
+    assert_eq!(places.clone().after(&after, &nothing, false).releases.len(), 1);
+    assert_eq!(places.clone().after(&before, &nothing, false).releases.len(), 0);
+    let names: BTreeMap<String, String> = [(former.output, "feed_z".to_owned())].into();
+    assert_eq!(places.renamed(&names).releases[0].output, "feed_z");
 }

@@ -33,6 +33,11 @@ impl Entry {
         Entry { place: Some(place), register: None, kept }
     }
 
+    /// Returns whether its counts are of the register of this place, and a register of ours can hold them.
+    pub(in crate::gateway) fn lies_at(&self, place: &OutputPlace) -> bool {
+        self.place.as_ref().is_some_and(|known| known.is_same_register(place)) && all_fit(&self.kept)
+    }
+
     /// Returns whether its counts are of this register. `in_words`: the register as layout 5 has it.
     pub(in crate::gateway) fn is_of(&self, place: &OutputPlace, in_words: &str) -> bool {
         match (&self.place, &self.register) {

@@ -145,6 +145,7 @@ impl Event {
             Event::Verified { output, .. } => ends(&[("output", output), ("foreign write to", output)]),
             Event::OutputMoved { output, .. } => raises("place of output", output),
             Event::RegisterLeft { output, .. } => raises("former register of output", output),
+            Event::RegisterReleased { output, .. } => ends(&[("former register of output", output)]),
             Event::PlaceConfirmed { output } => {
                 ends(&[("place of output", output), ("former register of output", output)])
             }

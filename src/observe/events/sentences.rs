@@ -315,13 +315,17 @@ impl Event {
                 why.clone().or_hint("make the register your own value, then arm the axis"),
             ),
             Event::OutputMoved { why, .. } => error("output-moved", String::new(), why.clone()),
-            Event::RegisterLeft { output, register, held } => warning(
+            Event::RegisterLeft { output, register, held, hint } => warning(
                 "register-left",
                 format!("output {output}"),
                 Explained::new(
                     format!("{held} of ours were verified in {register}, which is no output's any more"),
-                    "set that register to zero at the control unless the operator needs the value, then arm the axis",
+                    hint.clone(),
                 ),
+            ),
+            Event::RegisterReleased { output, register } => info(
+                "register-released",
+                format!("output {output}: its former register, {register}, is back at its base"),
             ),
             Event::PlaceConfirmed { output } => {
                 info("place-confirmed", format!("output {output}: a person has confirmed its place"))

@@ -76,7 +76,12 @@ fn troubles() -> Vec<Event> {
         Event::FirstAccount { output: name(), holds: "3".into() },
         Event::LedgerDoubt { output: name(), why: "it holds 3".into() },
         Event::OutputMoved { output: name(), why: Explained::new("it was there", "arm it") },
-        Event::RegisterLeft { output: name(), register: "holding:104".into(), held: um(20.0) },
+        Event::RegisterLeft {
+            output: name(),
+            register: "holding:104".into(),
+            held: um(20.0),
+            hint: "release it".into(),
+        },
         Event::ReferenceForgotten { signal: name(), why: Explained::new("it was there", "measure a part") },
         Event::NamespaceMoved { bus: name(), uri: "urn:mill".into(), from: 2, to: 3 },
         Event::PositionFromZero { output: name() },
@@ -201,6 +206,7 @@ fn no_kind_of_trouble_is_missing_from_the_list() {
         "token-changed",
         "broker-up",
         "notify-back",
+        "register-released",
         "place-confirmed",
     ];
     for kind in isotherm_profile::TRIGGERS {

@@ -9,8 +9,8 @@ use isotherm_core::compensation::settings::{
 use isotherm_core::quantity::{Micron, MicronPerSecond};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{
-    Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, OnStop, Output, Quirks, ReadBy, Share,
-    Signal, Transport, Unit, Verify, Writes,
+    Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, OnStop, Output, Purpose, Quirks, ReadBy,
+    Share, Signal, Transport, Unit, Verify, Writes,
 };
 
 pub(crate) const THERMOCOUPLES: u8 = 1;
@@ -99,7 +99,13 @@ pub(crate) fn profile() -> Profile {
             device("cnc", 1, CNC),
         ],
         signals,
-        axes: vec![Axis { settings: axis, label: String::new(), diameter: false, probe_input: None }],
+        axes: vec![Axis {
+            settings: axis,
+            label: String::new(),
+            diameter: false,
+            probe_input: None,
+            purpose: Purpose::Compensation,
+        }],
         outputs: vec![
             output("readout_z", 2, "holding:10", 0.0001, Writes::Corrected { position: SignalId(3) }),
             output("cnc_z", 3, "holding:104", 0.1, Writes::Offset),

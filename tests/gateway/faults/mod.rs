@@ -20,6 +20,7 @@ mod logged;
 mod moved;
 mod outputs;
 mod probing;
+mod released;
 mod restarts;
 mod rig;
 mod rtu;

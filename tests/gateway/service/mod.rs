@@ -9,6 +9,7 @@ mod handed_over;
 mod journal;
 mod manager;
 use crate::support::process;
+mod released;
 mod replaced;
 mod rig;
 mod slow_disk;

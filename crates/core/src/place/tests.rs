@@ -294,6 +294,8 @@ fn a_removed_output_for_which_no_axis_waits_ends_with_its_own_axis_or_with_any_i
         place: output(),
         held_um: Some(20.0),
         axes: axes.iter().map(|axis| (*axis).to_owned()).collect(),
+        bounds: None,
+        found_um: None,
     };
     assert!(former(&[]).confirm("x", |_| true), "axis z can be armed, and was not");
     assert!(!former(&[]).confirm("z", |_| true));
@@ -310,4 +312,12 @@ fn a_register_is_the_same_whatever_the_axis_and_the_share_are() {
     let scaled = OutputPlace { scale: 0.2, ..output() };
     assert!(!output().is_same_register(&scaled) && output().is_at(&scaled));
     assert!(!output().is_at(&OutputPlace { bus: "10.0.0.8:502".into(), ..output() }));
+}
+
+#[test]
+fn a_former_place_of_an_earlier_version_is_read_and_has_no_bounds() {
+    let former = Former::of("cnc_z".to_owned(), output(), Some(20.0));
+    let text = serde_json::to_string(&former).unwrap();
+    assert!(!text.contains("bounds") && !text.contains("found"), "{text}");
+    assert_eq!(serde_json::from_str::<Former>(&text).unwrap(), former);
 }

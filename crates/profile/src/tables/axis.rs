@@ -87,6 +87,16 @@ enum DatumWord {
     Zero,
 }
 
+/// Purpose of an axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Purpose {
+    /// The axis compensates.
+    #[default]
+    Compensation,
+    /// The axis takes a register that is no output's any more back to its base. No profile file has such an axis.
+    Release,
+}
+
 /// One axis as the profile has it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
@@ -98,6 +108,8 @@ pub struct Axis {
     pub diameter: bool,
     /// Where its measured error is read; `None`: errors come by command only, if it takes any.
     pub probe_input: Option<ProbeInput>,
+    /// Its purpose.
+    pub purpose: Purpose,
 }
 
 impl Axis {
@@ -220,7 +232,8 @@ impl RawAxis {
         };
         let label = label::resolve(&at.key("label"), self.label.as_ref());
         let diameter = self.diameter.unwrap_or(false);
-        Some(Axis { settings, label, diameter, probe_input: probe_input.flatten() })
+        let probe_input = probe_input.flatten();
+        Some(Axis { settings, label, diameter, probe_input, purpose: Purpose::Compensation })
     }
 
     fn guard(&self, at: &At<'_>) -> Option<GuardSettings> {

@@ -32,14 +32,14 @@ pub const CLOCK: &str = "clock";
 /// What can be posted: the five words above, and every kind of event. What people ask for most comes first, because of a word
 /// that is none a part of the list is shown.
 #[rustfmt::skip]
-pub const TRIGGERS: [&str; 113] = [
+pub const TRIGGERS: [&str; 114] = [
     ALARM, ALARM_OVER, AXIS_OFF, UNVERIFIED, CLOCK, "axis-state", "disarmed", "armed", "arm-refused", "arm-ended",
     "waits-to-arm", "goes-on", "device-lost", "device-back", "link-down", "link-up", "bus-trouble", "bus-well", "signal-bad",
     "signal-good", "write-failed", "read-failed", "verify-failed", "verified", "not-applied", "foreign-change", "heartbeat-failed",
     "heartbeat-written", "cnc-restarted", "cnc-booted", "extrapolating", "interpolating", "model-ages", "at-limit", "warned",
     "beyond-error", "saturated", "frozen", "stood-in", "stand-in-over", "clock-set", "clock-doubtful", "certificate-expires",
     "certificate-expired", "task-failed", "not-as-expected", "as-expected", "emergency", "emergency-over", "node-reset",
-    "interlocked", "released", "output-moved", "register-left", "place-confirmed", "reference-forgotten", "namespace-recorded", "namespace-moved", "position-from-zero", "ledger-doubt", "first-account", "ledger-opened", "operator-change", "own-write-late",
+    "interlocked", "released", "output-moved", "register-left", "register-released", "place-confirmed", "reference-forgotten", "namespace-recorded", "namespace-moved", "position-from-zero", "ledger-doubt", "first-account", "ledger-opened", "operator-change", "own-write-late",
     "perhaps-from-before", "waits-for-late-write", "not-read-back", "acknowledge-early", "acknowledge-missing",
     "acknowledge-not-read", "acknowledge-stuck", "strobe-not-written", "strobe-not-dropped", "probed", "probe-refused",
     "probe-forgotten", "sign-checked", "sign-ended", "rereferenced", "machine-started", "zeroed", "overrun",

@@ -10,7 +10,7 @@ use isotherm_core::compensation::settings::{
     AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
 };
 use isotherm_core::reading::SignalId;
-use isotherm_profile::{Arm, Axis, DeviceId, History, Profile, Signal, Unit};
+use isotherm_profile::{Arm, Axis, DeviceId, History, Profile, Purpose, Signal, Unit};
 
 /// A number as the quantity that is asked for.
 pub(crate) fn of<Quantity: TryFrom<f64, Error = &'static str>>(value: f64) -> Quantity {
@@ -74,7 +74,13 @@ fn axis(name: &str, every: u64, count: f64, on_fault: OnFault, models: Vec<Model
         intercept_slope: None,
         probe: None,
     };
-    Axis { settings, label: String::new(), diameter: false, probe_input: None }
+    Axis {
+        settings,
+        label: String::new(),
+        diameter: false,
+        probe_input: None,
+        purpose: Purpose::Compensation,
+    }
 }
 
 /// `bed`, `wheelhead`, `hydraulics_on`, `zero_button`; z every 10 s (M1, then M2), x every 7 s (rises over zero and start).

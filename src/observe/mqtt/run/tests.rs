@@ -83,6 +83,7 @@ impl Source for Machine {
             buses: Vec::new(),
             devices: Vec::new(),
             outputs: Vec::new(),
+            left: Vec::new(),
             log_dropped: 0,
             alarms: Vec::new(),
             events: (happened.0.saturating_sub(200)..happened.0).map(entry).collect(),
@@ -115,6 +116,10 @@ impl Source for Machine {
 
     fn confirm(&self, _: &str, _: &Asker) -> Result<Answer, String> {
         panic!("no device is confirmed over the broker")
+    }
+
+    fn release(&self, _: &str, _: &Asker) -> Result<Answer, String> {
+        panic!("no register is released over the broker")
     }
 
     fn logs(&self, _: Moment, _: Moment) -> Option<Vec<PathBuf>> {

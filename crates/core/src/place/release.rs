@@ -1,0 +1,229 @@
+//! Way back of a register that is no output's any more: what is saved for it, from which values it begins, and how long it takes.
+//!
+//! The gateway moves the register as an ordinary output, by its controller. This module only decides whether the value that was read
+//! first is one that a person has seen. Another one may be the operator's.
+//!
+//! | stage | accepted value |
+//! |---|---|
+//! | any | the base |
+//! | [`Stage::Asked`] | the value that the person has seen, or up to one step nearer to the base |
+//! | [`Stage::Begun`] | any between that value and the base |
+
+use serde::{Deserialize, Serialize};
+
+use super::{Former, OutputPlace};
+
+/// Bounds within which an output is moved, and what else is needed to move its register when the output is gone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Bounds {
+    /// Largest |Cz|, µm.
+    pub limit_um: f64,
+    /// Largest change of one update, µm.
+    pub step_um: f64,
+    /// Largest speed, µm/s.
+    pub rate_um_per_s: f64,
+    /// Update period, s.
+    pub every_s: f64,
+    /// Kind of its line.
+    pub line: Line,
+    /// Interlock, as the profile has it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub when: Option<String>,
+    /// Why its register cannot be moved by itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub obstacle: Option<Obstacle>,
+}
+
+/// Kind of a line, as far as its address alone is enough to open it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Line {
+    /// Modbus TCP in the clear.
+    ModbusTcp,
+    /// RTU frames through a TCP connection.
+    ModbusRtuOverTcp,
+    /// A line that needs more than its address.
+    Other,
+}
+
+/// Property of an output that keeps its register from being moved by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Obstacle {
+    /// The control takes the value only with the others of its set, or after a strobe.
+    Set,
+    /// The value is no offset.
+    Writes,
+    /// The value lies in no Modbus register.
+    Address,
+    /// The register cannot be read.
+    Unread,
+}
+
+impl Obstacle {
+    /// Cause in words, of a register.
+    pub fn cause(self) -> &'static str {
+        match self {
+            Obstacle::Set => "the control takes it only with the other values of its set",
+            Obstacle::Writes => "it holds no offset",
+            Obstacle::Address => "it is no Modbus register",
+            Obstacle::Unread => "it cannot be read",
+        }
+    }
+}
+
+impl Bounds {
+    /// Returns whether each bound is a positive number. Others can only come from a document that somebody has changed.
+    pub fn are_sound(&self) -> bool {
+        let all = [self.limit_um, self.step_um, self.rate_um_per_s, self.every_s];
+        all.iter().all(|bound| bound.is_finite() && *bound > 0.0)
+    }
+
+    /// Seconds that the way from this Cz to the base takes at least.
+    pub fn seconds(&self, from_um: f64) -> f64 {
+        let speed = self.rate_um_per_s.min(self.step_um / self.every_s);
+        from_um.abs() / speed
+    }
+}
+
+/// Progress of a release over the starts of a gateway.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Stage {
+    /// A person has asked for it.
+    Asked,
+    /// The register was read and may have been moved.
+    Begun,
+}
+
+/// Release of a register that is no output's any more: a person wants it back at its base.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Release {
+    /// Name that the output had.
+    pub output: String,
+    /// Its place.
+    pub place: OutputPlace,
+    /// Its bounds.
+    pub bounds: Bounds,
+    /// Cz that the person has seen, µm.
+    pub from_um: f64,
+    /// Cz as last verified, µm.
+    pub held_um: f64,
+    /// Progress.
+    pub stage: Stage,
+    /// The person, and the way of the request.
+    pub by: String,
+}
+
+impl Release {
+    /// Returns whether the way back may begin or resume from a Cz that was read. `grain_um`: half a count of the register.
+    pub fn may_move_from(&self, found_um: f64, grain_um: f64) -> bool {
+        let reach = match self.stage {
+            Stage::Asked => self.bounds.step_um,
+            Stage::Begun => self.from_um.abs(),
+        };
+        let (farthest, found) = (self.from_um.abs(), found_um * self.from_um.signum());
+        let is_between = found <= farthest + grain_um && found >= farthest - reach - grain_um;
+        self.is_back(found_um, grain_um) || is_between
+    }
+
+    /// Returns whether this Cz is the base.
+    pub fn is_back(&self, found_um: f64, grain_um: f64) -> bool {
+        found_um.abs() <= grain_um
+    }
+
+    /// Former place of the output, for which no axis waits.
+    pub fn former(&self) -> Former {
+        let former = Former::of(self.output.clone(), self.place.clone(), Some(self.held_um));
+        Former { bounds: Some(self.bounds.clone()), ..former }
+    }
+
+    /// Returns whether this is the release of an output that had this name and place.
+    pub fn is_of(&self, output: &str, place: &OutputPlace) -> bool {
+        self.output == output && self.place == *place
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Owner;
+    use super::*;
+
+    fn release(from_um: f64, stage: Stage) -> Release {
+        let place = OutputPlace {
+            bus: "10.0.0.7:502".to_owned(),
+            unit: 1,
+            address: "holding:104 (40105)".to_owned(),
+            layout: "i32 msw-first".to_owned(),
+            scale: 0.1,
+            bias: 0,
+            share: Owner::Whole,
+            writes: "offset".to_owned(),
+            axis: "z".to_owned(),
+            diameter: false,
+        };
+        let bounds = Bounds {
+            limit_um: 40.0,
+            step_um: 1.0,
+            rate_um_per_s: 0.25,
+            every_s: 2.0,
+            line: Line::ModbusTcp,
+            when: None,
+            obstacle: None,
+        };
+        let (output, by) = ("cnc_z".to_owned(), "by a test".to_owned());
+        Release { output, place, bounds, from_um, held_um: from_um, stage, by }
+    }
+
+    #[test]
+    fn the_way_back_begins_only_from_what_a_person_has_seen_and_resumes_from_what_lies_on_it() {
+        let rows = [
+            (Stage::Asked, 20.0, true),
+            (Stage::Asked, 20.04, true),
+            (Stage::Asked, 19.0, true),
+            (Stage::Asked, 18.9, false),
+            (Stage::Asked, 20.1, false),
+            (Stage::Asked, 5.0, false),
+            (Stage::Asked, -20.0, false),
+            (Stage::Asked, 0.0, true),
+            (Stage::Asked, -0.04, true),
+            (Stage::Begun, 20.0, true),
+            (Stage::Begun, 12.3, true),
+            (Stage::Begun, 0.1, true),
+            (Stage::Begun, 0.0, true),
+            (Stage::Begun, 20.1, false),
+            (Stage::Begun, -0.1, false),
+            (Stage::Begun, -5.0, false),
+        ];
+        for (stage, found, may) in rows {
+            assert_eq!(release(20.0, stage).may_move_from(found, 0.05), may, "{stage:?} {found}");
+            assert_eq!(release(-20.0, stage).may_move_from(-found, 0.05), may, "{stage:?} -{found}");
+        }
+        assert!(release(20.0, Stage::Begun).is_back(0.04, 0.05));
+        assert!(!release(20.0, Stage::Begun).is_back(0.1, 0.05));
+    }
+
+    #[test]
+    fn the_slower_of_rate_and_step_says_how_long_it_takes() {
+        let mut bounds = release(20.0, Stage::Asked).bounds;
+        assert!((bounds.seconds(-20.0) - 80.0).abs() < 1e-9);
+        bounds.rate_um_per_s = 5.0;
+        assert!((bounds.seconds(20.0) - 40.0).abs() < 1e-9, "1 µm each 2 s");
+        assert!(bounds.are_sound());
+        for wrong in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            bounds.step_um = wrong;
+            assert!(!bounds.are_sound(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn every_digit_of_a_release_survives_the_disk() {
+        let release = release(-20.000_000_1, Stage::Begun);
+        let text = serde_json::to_string(&release).unwrap();
+        assert_eq!(serde_json::from_str::<Release>(&text).unwrap(), release);
+        assert!(text.contains("\"begun\"") && text.contains("\"modbus-tcp\""), "{text}");
+        assert!(!text.contains("obstacle") && !text.contains("when"), "{text}");
+    }
+}

@@ -1,0 +1,170 @@
+//! `isotherm release`: a register that is no output's any more goes back to its base.
+
+use std::io::IsTerminal;
+use std::time::Duration;
+
+use serde_json::Value;
+
+use super::command::RunningGateway;
+use super::values::typed;
+use super::{ProfileArguments, load_modelled, restart};
+use crate::cli::say::say_beside;
+use crate::clock::Passing;
+use crate::gateway::control;
+use crate::observe::status::Answer;
+use isotherm_profile::duration_text;
+use isotherm_profile::regular::quoted;
+
+/// The answer to the question.
+const YES: &str = "yes";
+
+/// Takes the register of an output that was moved or removed in the profile back to its base: what the gateway left in it goes away in
+/// steps, within the limit, step and rate that the output had. The part of an operator in a shared register stays.
+///
+/// The gateway is restarted for it as by `isotherm restart --keep`, so the profile as it is now takes effect, and nothing else moves. It
+/// begins only if the register holds the value that is shown here. Without a terminal `--yes` is needed.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  isotherm release my-machine.toml cnc_z\n  isotherm release my-machine.toml cnc_z --yes"
+)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    profile: ProfileArguments,
+    /// The output that was moved or removed, by the name that it had
+    #[arg(value_name = "OUTPUT")]
+    output: String,
+    /// Do not ask
+    #[arg(long)]
+    yes: bool,
+    #[command(flatten)]
+    gateway: RunningGateway,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let Arguments { profile, output, yes, gateway } = arguments;
+    let clock = Passing::default();
+    let begun = clock.passed();
+    let profile = load_modelled(profile, gateway.json)?.profile;
+    let within = restart::limit(clock.passed() - begun);
+    let socket = gateway.socket(&profile)?;
+    let status: Value = serde_json::from_str(&control::status(&socket)?).unwrap_or_default();
+    let left = status["left"].as_array().map_or(&[][..], Vec::as_slice);
+    let of_output: Vec<&Value> = left.iter().filter(|one| one["output"] == output.as_str()).collect();
+    if of_output.is_empty() {
+        let is_known = profile.outputs.iter().any(|known| known.name == *output);
+        anyhow::bail!("{}", nothing_left(output, is_known, left));
+    }
+    if let Some(returning) = of_output.iter().find(|one| one["state"] == "returning") {
+        let said = format!("output {output}: on its way back already: {}", way(returning));
+        return gateway.print(Ok(Answer::Done(said)));
+    }
+    let obstacle = |one: &&Value| one["obstacle"].as_str().map(str::to_owned);
+    if let Some(why) =
+        of_output.iter().find_map(obstacle).filter(|_| of_output.iter().all(|one| obstacle(one).is_some()))
+    {
+        anyhow::bail!("output {output}: {} cannot be released: {why}", word(&of_output[0]["register"]));
+    }
+    for one in of_output.iter().filter(|one| obstacle(one).is_none()) {
+        say_beside!("output {output}: {}", way(one));
+    }
+    say_beside!(
+        "The gateway is restarted for it as by `isotherm restart --keep`, with the profile as it is now."
+    );
+    anyhow::ensure!(*yes || is_wanted()?, "nothing is released");
+    let replaced = control::release(&socket, output, within, |said| say_beside!("{said}"));
+    let status = restart::taken_over(&socket, replaced)?;
+    gateway.print(Ok(Answer::Done(restart::sentence(&status))))
+}
+
+/// Asks the person at the terminal.
+fn is_wanted() -> anyhow::Result<bool> {
+    anyhow::ensure!(
+        std::io::stdin().is_terminal(),
+        "nobody is asked where there is no terminal, and nothing is released: add --yes"
+    );
+    say_beside!("Take it back to its base? Type {YES}:");
+    Ok(typed()?.is_some_and(|text| text.trim() == YES))
+}
+
+/// Why there is nothing to release of an output. `is_known`: it is in the profile.
+fn nothing_left(output: &str, is_known: bool, left: &[Value]) -> String {
+    let mut names: Vec<&str> = left.iter().map(|one| word(&one["output"])).collect();
+    names.dedup();
+    let others = match names.as_slice() {
+        [] => "there is nothing to release now".to_owned(),
+        names => format!("these can be released: {}", names.join(", ")),
+    };
+    match is_known {
+        true => format!(
+            "output {output} is at its place in the profile, and nothing of ours is in another register of it; to release its \
+             register, move or remove the output in the profile first and run `isotherm restart --keep`; {others}"
+        ),
+        false => format!(
+            "nothing of ours is in a register of an output {} that was moved or removed; {others}",
+            quoted(output)
+        ),
+    }
+}
+
+/// What is left in a register, and how it goes back.
+fn way(left: &Value) -> String {
+    let figure = |key: &str| left[key].as_f64();
+    let micron = |key: &str| figure(key).map_or("an unknown part".to_owned(), |um| format!("{um:.1} µm"));
+    let register = word(&left["register"]);
+    let holds = match figure("found_um") {
+        None => format!("{} of ours were verified in {register}", micron("held_um")),
+        Some(_) => format!(
+            "{register} held {} when it was read last, and {} of ours were verified in it before",
+            micron("found_um"),
+            micron("held_um")
+        ),
+    };
+    let bound = |key: &str| figure(key).map_or("unknown".to_owned(), |um| format!("{um} µm"));
+    let seconds = figure("back_s").and_then(|seconds| Duration::try_from_secs_f64(seconds.ceil()).ok());
+    format!(
+        "{holds}; it goes back to its base by at most {} an update and {}/s, within ±{}: about {}",
+        bound("step_um"),
+        bound("rate_um_per_s"),
+        bound("limit_um"),
+        duration_text(seconds.unwrap_or_default())
+    )
+}
+
+fn word(value: &Value) -> &str {
+    value.as_str().unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn the_person_sees_value_bounds_and_time() {
+        let mut left = json!({
+            "output": "cnc_z", "register": "holding:104 (40105) of unit 1 at 10.0.0.7:502", "held_um": 20.0, "found_um": null,
+            "limit_um": 40.0, "step_um": 1.0, "rate_um_per_s": 0.25, "back_s": 80.0,
+        });
+        assert_eq!(
+            way(&left),
+            "20.0 µm of ours were verified in holding:104 (40105) of unit 1 at 10.0.0.7:502; it goes back to its base by at most \
+             1 µm an update and 0.25 µm/s, within ±40 µm: about 1m 20s"
+        );
+        left["found_um"] = 5.0.into();
+        assert!(
+            way(&left).contains("held 5.0 µm when it was read last, and 20.0 µm of ours"),
+            "{}",
+            way(&left)
+        );
+    }
+
+    #[test]
+    fn an_output_of_which_nothing_is_left_is_answered_with_those_of_which_something_is() {
+        let left = [json!({ "output": "cnc_x" }), json!({ "output": "cnc_x" }), json!({ "output": "cnc_y" })];
+        let said = nothing_left("cnc_z", false, &left);
+        assert!(said.contains("cnc_z") && said.ends_with("these can be released: cnc_x, cnc_y"), "{said}");
+        let said = nothing_left("cnc_z", true, &[]);
+        assert!(said.contains("is at its place in the profile") && said.contains("restart --keep"), "{said}");
+        assert!(said.ends_with("there is nothing to release now"), "{said}");
+    }
+}

@@ -1,0 +1,267 @@
+//! Course of a release: a person asks for it, the next start arms its axis, and it is over when the register was read back at its base.
+//!
+//! ```text
+//! ask ─► state ─► restart --keep ─► begin ─► armed, step by step ─► follow: read back at the base ─► over
+//!                                     └────► another value, or the axis is off ─► register-left again
+//! ```
+//!
+//! Nothing else arms such an axis. A stop and a kill leave it where it is, and the next start resumes it.
+
+use std::sync::Arc;
+
+use super::arming::{ArmRequest, Arming};
+use super::core::Core;
+use super::output::Standing;
+use super::places::register_left;
+use super::release::Returning;
+use crate::observe::asker::{Asker, Way};
+use crate::observe::events::Event;
+use crate::observe::status::{LeftState, LeftStatus};
+use isotherm_core::explained::Explained;
+use isotherm_core::place::{Former, Release, Stage};
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_profile::regular::quoted;
+
+/// Why the axis of a release is off that is over, and what becomes of it.
+const OVER: (&str, &str) = (
+    "its register is back at its base: the release is over",
+    "nothing is left to do: the next start does not have this axis",
+);
+
+/// Requests to arm the axis of each release of this start.
+pub(super) fn begin(core: &mut Core, now: Moment) {
+    for Returning { axis, release, .. } in core.releases.returning.clone() {
+        let by = Asker::new(Way::Restart, format!("released {}", release.by));
+        let asked =
+            ArmRequest { by: Arc::new(by), until: Moment::END, reported: (String::new(), now), from: None };
+        core.arming[axis.0] = Arming { latched: true, asked: Some(asked), ..Arming::default() };
+    }
+}
+
+/// Takes note of how far each register has come, and ends the releases that are over.
+pub(super) fn follow(core: &mut Core) {
+    for one in core.releases.given_up.clone() {
+        settle(core, &one);
+    }
+    for mut one in core.releases.returning.clone() {
+        let (arming, state) = (&core.arming[one.axis.0], core.outputs[one.output.0]);
+        let verified = state.cz.filter(|_| state.standing == Standing::Verified);
+        if !arming.armed {
+            let is_over = arming.asked.is_none() && core.stop.is_none();
+            if is_over {
+                given_up(core, &one, state.cz);
+            }
+            continue;
+        }
+        let Some(cz) = verified else { continue };
+        let is_new = one.release.stage == Stage::Asked;
+        one.release = Release { held_um: cz.get(), stage: Stage::Begun, ..one.release };
+        note(core, &one);
+        if is_new {
+            // From now on only the entry of this output says how a shared register divides.
+            Arc::make_mut(&mut core.places.places).kept.retain(|entry| !entry.lies_at(&one.release.place));
+            core.storage.remember_soon();
+            continue;
+        }
+        let is_decided =
+            core.compensation.decision(one.axis.0).is_some_and(|decision| decision.cz == Micron::ZERO);
+        // Something that may still arrive would move the register once more.
+        let is_settled = state.waits_until.is_none();
+        if is_decided && is_settled && core.stop.is_none() && one.release.is_back(cz.get(), one.grain_um) {
+            ended(core, &one);
+        }
+    }
+}
+
+/// Puts the progress of a release into the state.
+fn note(core: &mut Core, one: &Returning) {
+    let known = core.releases.returning.iter_mut().find(|known| known.axis == one.axis);
+    if known.as_ref().is_some_and(|known| **known == *one) {
+        return;
+    }
+    known.into_iter().for_each(|known| known.clone_from(one));
+    let Release { output, place, .. } = &one.release;
+    let saved = Arc::make_mut(&mut core.places.places).releases.iter_mut();
+    saved.filter(|saved| saved.is_of(output, place)).for_each(|saved| saved.clone_from(&one.release));
+}
+
+/// Removes a release from the state. Returns the former place that it is of, unless a person has confirmed that meanwhile.
+fn remove(core: &mut Core, one: &Returning) -> Option<Former> {
+    let Release { output, place, .. } = &one.release;
+    core.releases.returning.retain(|known| known.axis != one.axis);
+    core.storage.remember_soon();
+    let places = Arc::make_mut(&mut core.places.places);
+    places.releases.retain(|release| !release.is_of(output, place));
+    let at = places.former.iter().position(|former| former.output == *output && former.place == *place)?;
+    Some(places.former.remove(at))
+}
+
+/// The register was read back at its base.
+fn ended(core: &mut Core, one: &Returning) {
+    let Release { output, place, .. } = &one.release;
+    let former = remove(core, one).map(|former| Former { held_um: Some(0.0), found_um: None, ..former });
+    let places = Arc::make_mut(&mut core.places.places);
+    // A person still has to confirm the new place of an output that was moved.
+    let is_moved = places.outputs.contains_key(output);
+    places.former.extend(former.filter(|_| is_moved));
+    core.arming[one.axis.0] =
+        Arming { latched: true, why: Explained::new(OVER.0, OVER.1), ..Arming::default() };
+    core.events.push(Event::RegisterReleased { output: output.clone(), register: place.to_string() });
+}
+
+/// The axis of a release is off before the register has reached its base: the register is named again.
+fn given_up(core: &mut Core, one: &Returning, found: Option<Micron>) {
+    let Release { held_um, stage, .. } = one.release;
+    let found_um = found.map(Micron::get).filter(|found| (found - held_um).abs() > one.grain_um);
+    let former = remove(core, one).unwrap_or_else(|| one.release.former());
+    let held_um = if stage == Stage::Begun { Some(held_um) } else { former.held_um };
+    let former = Former { held_um, found_um, ..former };
+    let event = register_left(&former, &core.releases, &core.given.profile);
+    core.events.push(event);
+    Arc::make_mut(&mut core.places.places).former.push(former);
+    core.releases.given_up.push(one.clone());
+}
+
+/// Takes note of the last write of a release that was given up, once nothing of ours can arrive any more.
+fn settle(core: &mut Core, one: &Returning) {
+    let Returning { release, grain_um, .. } = one;
+    let register = core.registers[one.output.0].as_ref();
+    if register.is_some_and(|register| register.state().may_arrive().next().is_some()) {
+        return;
+    }
+    core.releases.given_up.retain(|known| known.axis != one.axis);
+    let found = core.outputs[one.output.0].cz.map(Micron::get);
+    let way = Release { from_um: release.held_um, stage: Stage::Asked, ..release.clone() };
+    let is_ours = |found: &f64| release.stage == Stage::Begun && way.may_move_from(*found, *grain_um);
+    let Some(found) = found.filter(is_ours).filter(|found| (found - release.held_um).abs() > *grain_um)
+    else {
+        return;
+    };
+    let places = Arc::make_mut(&mut core.places.places);
+    let mut former = places.former.iter_mut().filter(|former| release.is_of(&former.output, &former.place));
+    let Some(former) = former.next() else { return };
+    (former.held_um, former.found_um) = (Some(found), None);
+    let event = register_left(former, &core.releases, &core.given.profile);
+    core.events.push(event);
+    core.storage.remember_soon();
+}
+
+/// A person wants a register that is no output's any more back at its base, from the next start on. Returns a sentence.
+///
+/// # Errors
+/// There is no such register, or it cannot be taken back.
+pub(super) fn ask(core: &mut Core, output: &str, by: String) -> Result<String, Explained> {
+    if core.given.dry_run {
+        return Err("nothing is written in a dry run".into());
+    }
+    if core.stop.is_some() {
+        return Err("the gateway is stopping".into());
+    }
+    if core.storage.keeps_nothing() {
+        return Err(Explained::new("there is no state directory", "name one with --state"));
+    }
+    if core.storage.is_in_question() {
+        let cause = "what was saved did not fit, so it is not known what is left in a register";
+        return Err(Explained::new(cause, "arm an axis first: a person has to answer for that"));
+    }
+    let all = left(core);
+    let mut of_output = all.iter().filter(|left| left.output == output).peekable();
+    if of_output.peek().is_none() {
+        return Err(nothing_left(core, output, &all));
+    }
+    let returning = all.iter().find(|left| left.output == output && left.state == LeftState::Returning);
+    if let Some(left) = returning {
+        return Err(Explained::new(
+            format!(
+                "output {output}: {} is on its way back already, {:.1} µm are left",
+                left.register, left.held_um
+            ),
+            "`isotherm status` shows how far it is",
+        ));
+    }
+    let can = |former: &Former| former.output == output && core.releases.obstacle(&former.place).is_none();
+    let places = &core.places.places;
+    let chosen = places.former.iter().filter(|former| former.is_left_behind(&places.outputs) && can(former));
+    let released: Vec<Release> = chosen.filter_map(|former| release(former, by.clone())).collect();
+    if released.is_empty() {
+        let obstacle = of_output.find_map(|left| left.obstacle.clone()).unwrap_or_default();
+        return Err(obstacle.within(|cause| format!("output {output} cannot be released: {cause}")));
+    }
+    let each = released.iter().map(|one| format!("{:.1} µm in {}", one.from_um, one.place));
+    let said = format!(
+        "output {output}: {} go back to the base once the gateway has been restarted",
+        each.collect::<Vec<_>>().join(" and ")
+    );
+    let saved = &mut Arc::make_mut(&mut core.places.places).releases;
+    for one in released {
+        saved.retain(|known| !known.is_of(&one.output, &one.place));
+        saved.push(one);
+    }
+    core.storage.remember_soon();
+    Ok(said)
+}
+
+fn release(former: &Former, by: String) -> Option<Release> {
+    let Former { output, place, bounds, .. } = former.clone();
+    let from_um = former.found_um.or(former.held_um)?;
+    Some(Release { output, place, bounds: bounds?, from_um, held_um: from_um, stage: Stage::Asked, by })
+}
+
+/// Why there is nothing to release of an output.
+fn nothing_left(core: &Core, output: &str, all: &[LeftStatus]) -> Explained {
+    let mut names: Vec<&str> = all.iter().map(|left| left.output.as_str()).collect();
+    names.dedup();
+    let others = match names.as_slice() {
+        [] => "there is nothing to release now".to_owned(),
+        names => format!("these can be released: {}", names.join(", ")),
+    };
+    if core.places.places.outputs.contains_key(output) {
+        return Explained::new(
+            format!(
+                "output {output} is at its place in the profile, and nothing of ours is in another register of it"
+            ),
+            format!("to release its register, move or remove the output in the profile first; {others}"),
+        );
+    }
+    let cause =
+        format!("nothing of ours is in a register of an output {} that was moved or removed", quoted(output));
+    Explained::new(cause, others)
+}
+
+/// Registers that are no output's any more and keep a value of ours.
+pub(super) fn left(core: &Core) -> Vec<LeftStatus> {
+    let places = &core.places.places;
+    let former = places.former.iter().filter(|former| former.is_left_behind(&places.outputs));
+    let is_returning = |former: &Former| {
+        core.releases.returning.iter().any(|one| one.release.is_of(&former.output, &former.place))
+    };
+    let left = former.filter(|former| !is_returning(former)).map(|former| {
+        let is_asked = places.releases.iter().any(|release| release.is_of(&former.output, &former.place));
+        let from_um = former.found_um.or(former.held_um).unwrap_or_default();
+        LeftStatus {
+            output: former.output.clone(),
+            register: former.place.to_string(),
+            state: if is_asked { LeftState::Asked } else { LeftState::Left },
+            held_um: former.held_um.unwrap_or_default(),
+            found_um: former.found_um,
+            limit_um: former.bounds.as_ref().map(|bounds| bounds.limit_um),
+            step_um: former.bounds.as_ref().map(|bounds| bounds.step_um),
+            rate_um_per_s: former.bounds.as_ref().map(|bounds| bounds.rate_um_per_s),
+            back_s: former.bounds.as_ref().map(|bounds| bounds.seconds(from_um)),
+            obstacle: core.releases.obstacle(&former.place),
+        }
+    });
+    let returning = core.releases.returning.iter().map(|Returning { release, .. }| LeftStatus {
+        output: release.output.clone(),
+        register: release.place.to_string(),
+        state: LeftState::Returning,
+        held_um: release.held_um,
+        found_um: None,
+        limit_um: Some(release.bounds.limit_um),
+        step_um: Some(release.bounds.step_um),
+        rate_um_per_s: Some(release.bounds.rate_um_per_s),
+        back_s: Some(release.bounds.seconds(release.held_um)),
+        obstacle: None,
+    });
+    left.chain(returning).collect()
+}
