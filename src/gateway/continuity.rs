@@ -7,6 +7,7 @@ use super::arming::Arming;
 use super::noted::Noted;
 use crate::fieldbus::namespaces::NamespaceTable;
 use isotherm_core::compensation::model::Model;
+use isotherm_core::compensation::reference::Reference;
 use isotherm_core::compensation::{Compensation, ReturnTo};
 use isotherm_core::continuity::{Break, Continuity, DeviceContinuity, Difference, Identity, sentence};
 use isotherm_core::quantity::Moment;
@@ -96,8 +97,11 @@ impl Devices {
     ) {
         let follows = |axis: usize| arming[axis].armed && arming[axis].sign.is_none();
         let holds = |axis: &usize| {
+            let Arming { take_over, take_over_slope, .. } = arming[*axis];
             let decision = compensation.decision(*axis).filter(|_| follows(*axis))?;
-            Some((*axis, ReturnTo { cz: decision.cz, slope: decision.slope }))
+            // What an axis takes over at its next step is in its registers already.
+            let (cz, slope) = (take_over.unwrap_or(decision.cz), take_over_slope.unwrap_or(decision.slope));
+            Some((*axis, ReturnTo { cz, slope }))
         };
         self.held_in_round[device.0] = self.read_by[device.0].iter().filter_map(holds).collect();
     }
@@ -116,9 +120,13 @@ impl Devices {
         of_device.append(in_round);
     }
 
-    /// Forgets what the axes held: what it is measured from has changed.
-    pub(super) fn forget_held(&mut self) {
-        self.held.iter_mut().chain(&mut self.held_in_round).for_each(Vec::clear);
+    /// Forgets what the axes held that are measured from this: it is captured again.
+    pub(super) fn forget_held(&mut self, profile: &Profile, reference: Reference) {
+        let is_kept = |axis: usize| !profile.axis(AxisId(axis)).counts_from(reference);
+        self.held
+            .iter_mut()
+            .chain(&mut self.held_in_round)
+            .for_each(|held| held.retain(|(axis, _)| is_kept(*axis)));
     }
 
     /// Notes what an axis held when it was armed, for each device that its models read.

@@ -21,6 +21,7 @@ use super::units::part;
 use super::why::{BEYOND_ERROR, Reasons, WHEN_FOUND};
 use crate::observe::asker::Way;
 use crate::observe::events::Event;
+use isotherm_core::compensation::reference::Reference;
 use isotherm_core::compensation::settings::OnFault;
 use isotherm_core::compensation::{
     AxisState, Compensation, Control, Decision, Remembered, ReturnTo, Snapshot,
@@ -199,11 +200,11 @@ impl Core {
         let seen = (&self.board, self.outputs.states());
         self.storage.remember((now, is_urgent), &self.compensation, of_profile, seen);
         if stepped.noticed.started {
-            self.devices.forget_held();
+            self.devices.forget_held(profile, Reference::Start);
             self.events.push(Event::MachineStarted);
         }
         if stepped.noticed.zeroed {
-            self.devices.forget_held();
+            self.devices.forget_held(profile, Reference::Zero);
             self.events.push(Event::Zeroed);
         }
         self.report_signals(profile, now);

@@ -463,7 +463,8 @@ fn round_begins(shared: &LineHandle, id: DeviceId) {
 }
 
 /// Takes the result of all checks of a device and reports what changed. An axis that reads from a changed device takes its fault
-/// action, from the Cz before the last round if a check shows that the settings were changed. One that would write to it is off.
+/// action, and goes back to the Cz before the last round as soon as a check shows that the settings were changed. One that would
+/// write to it is off.
 fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Difference>) {
     let name = &shared.profile.device(id).name;
     let mut core = shared.core();
@@ -490,13 +491,16 @@ fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Dif
         false => found.into(),
     };
     core.events.push(Event::NotAsExpected { device: name.clone(), found: told });
+    // What cannot be read may be as it was.
+    let was_evident =
+        matches!(&before, Continuity::Changed(known) if known.iter().any(Difference::is_evidence));
+    if is_evident && !was_evident && core.devices.of(id).has_lasted() {
+        let Core { devices, arming, .. } = &mut *core;
+        devices.settings_changed(id, arming);
+    }
     // After a break no reading has been used that came with these settings.
     if before == Continuity::Confirmed {
-        let Core { devices, arming, board, .. } = &mut *core;
-        // What cannot be read may be as it was.
-        if is_evident {
-            devices.settings_changed(id, arming);
-        }
+        let Core { devices, board, .. } = &mut *core;
         let (now, rates) = (shared.clock.now(), devices.of(id).breaks_without_checks());
         for (signal, _) in shared.profile.signals_of(id) {
             board.store(signal, Err(Reason::NotAsExpected), now, rates);

@@ -19,6 +19,7 @@ use crate::observe::asker::Asker;
 use crate::observe::events::file::{self, Found};
 use crate::observe::events::{Entry, Event};
 use crate::observe::status::{Answer, Command, Source, Status};
+use isotherm_core::compensation::reference::Reference;
 use isotherm_core::compensation::{Measured, MeasuredReport, Refused, Snapshot};
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::{Micron, Moment, time};
@@ -213,7 +214,7 @@ impl CommandHandle {
                 Command::Zero => {
                     let (now, only) = (shared.clock.now(), axis.map(|_| chosen[0]));
                     let of = if only.is_some() { format!("{said}: ") } else { String::new() };
-                    if !chosen.iter().any(|axis| shared.profile.axes[*axis].counts_from_zero()) {
+                    if !chosen.iter().any(|axis| shared.profile.axes[*axis].counts_from(Reference::Zero)) {
                         return Ok(Answer::Done(format!("{of}{NO_ZERO}")));
                     }
                     match only {
@@ -226,7 +227,7 @@ impl CommandHandle {
                             ));
                         }
                     }
-                    core.devices.forget_held();
+                    core.devices.forget_held(&shared.profile, Reference::Zero);
                     core.storage.zeroed(now, only);
                     core.events.push(Event::Zeroed);
                     Ok(Answer::Done(format!("{of}references are captured from now on")))

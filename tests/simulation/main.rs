@@ -43,7 +43,10 @@ const MENDED: [u64; 6] = [22, 754, 914, 1_795_833_836, 1_795_872_391, 621_073_45
 /// The same of changes at a panel:
 /// - 43: a control refused a change. The axis kept that value after the change at the panel was found, and the control was asked for it again.
 /// - 59: the check read another value, and was refused when all checks were read after that. The readings were used as before.
-const MENDED_AT_A_PANEL: [u64; 2] = [43, 59];
+/// - 7024: a person armed an axis in the moment in which the check was read. It went back to a Cz from before it was off.
+/// - 7125: the machine was switched on in the first round of checks. Nothing went back, although no reference is captured then.
+/// - 7141: the module refused its checks before one brought another value. Nothing went back, because the module was in doubt already.
+const MENDED_AT_A_PANEL: [u64; 5] = [43, 59, 7024, 7125, 7141];
 
 #[test]
 fn a_seed_repeats_its_day_bit_for_bit() {

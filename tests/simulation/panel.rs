@@ -74,7 +74,8 @@ struct Change {
 struct Way {
     /// Counts when the settings were changed; `None` if somebody else has changed the register since.
     from: Option<i64>,
-    /// Counts when the check passed last, and when its axis was armed since.
+    /// Counts when the check passed last, and when its axis was armed since. The same of the time before, if it was still on its way
+    /// back there: a control in trouble may have refused it. Or if the gateway has not seen yet that the control lost them.
     held: Vec<i64>,
     /// Somebody else has changed the register since the check passed last.
     is_touched: bool,
@@ -110,16 +111,21 @@ impl Panel {
         self.ways.iter_mut().zip(ours).for_each(|(way, ours)| way.from = Some(ours));
     }
 
-    /// The gateway was given the expected value, which the module had at this time. The registers hold these counts.
-    pub(crate) fn passes(&mut self, ours: [i64; REGISTERS], seen_at: Duration, now: Duration) {
-        if self.change.is_some_and(|change| change.at <= seen_at)
-            && self.change.take().is_some_and(|change| change.is_found)
-        {
+    /// The gateway was given the expected value, which the module had at this time. The registers hold these counts, which the gateway
+    /// has seen or not.
+    pub(crate) fn passes(&mut self, ours: [(i64, bool); REGISTERS], seen_at: Duration, now: Duration) {
+        let is_over = self.change.is_some_and(|change| change.at <= seen_at);
+        let was_found = is_over && self.change.take().is_some_and(|change| change.is_found);
+        if was_found {
             self.passed_at = Some(now);
         }
         self.has_contact = true;
-        for (way, ours) in self.ways.iter_mut().zip(ours) {
-            *way = Way { from: way.from, held: vec![ours], ..Way::default() };
+        for (way, (ours, is_seen)) in self.ways.iter_mut().zip(ours) {
+            let mut held = vec![ours];
+            if !is_seen || was_found && way.away(ours).is_some_and(|away| away > BAND) {
+                held.append(&mut way.held);
+            }
+            *way = Way { from: way.from, held, ..Way::default() };
         }
     }
 

@@ -114,7 +114,9 @@ pub struct DeviceContinuity {
     state: Continuity,
     /// Breaks so far.
     breaks: u64,
-    /// Those of them after which the device may have forgotten what was written to it.
+    /// Breaks before the checks passed last. `None` if they have not passed yet.
+    passed_after: Option<u64>,
+    /// Breaks after which the device may have forgotten what was written to it.
     resets: u64,
     /// Last answer.
     answered: Moment,
@@ -139,6 +141,7 @@ impl DeviceContinuity {
             silence,
             state,
             breaks: 0,
+            passed_after: None,
             resets: 0,
             answered: start,
             delivered: start,
@@ -160,6 +163,12 @@ impl DeviceContinuity {
     /// Number of breaks so far. A check that was read before the last break says nothing of the present device.
     pub fn breaks_so_far(&self) -> u64 {
         self.breaks
+    }
+
+    /// Returns whether continuity has lasted since the checks passed last. Another value of a check shows then that settings were
+    /// changed at the same device.
+    pub fn has_lasted(&self) -> bool {
+        self.passed_after == Some(self.breaks)
     }
 
     /// Number of breaks so far after which the device may have forgotten how it was set up.
@@ -196,8 +205,13 @@ impl DeviceContinuity {
         if after != self.breaks {
             return None;
         }
-        let state =
-            if differences.is_empty() { Continuity::Confirmed } else { Continuity::Changed(differences) };
+        let state = match differences.is_empty() {
+            true => {
+                self.passed_after = Some(self.breaks);
+                Continuity::Confirmed
+            }
+            false => Continuity::Changed(differences),
+        };
         Some(std::mem::replace(&mut self.state, state))
     }
 

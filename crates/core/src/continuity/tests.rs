@@ -79,6 +79,20 @@ fn a_changed_device_stays_changed_over_breaks_until_its_checks_pass() {
 }
 
 #[test]
+fn continuity_has_lasted_as_long_as_nothing_broke_it_since_the_checks_passed() {
+    let mut device = DeviceContinuity::new(Identity::Checks, PERIOD, at(0.0));
+    assert!(!device.has_lasted());
+    device.verified(device.breaks_so_far(), Vec::new());
+    device.verified(device.breaks_so_far(), vec![difference()]);
+    assert!(device.has_lasted());
+    device.breaks(Break::ConnectionLost, at(1.0));
+    device.verified(device.breaks_so_far(), vec![difference()]);
+    assert!(!device.has_lasted());
+    device.verified(device.breaks_so_far(), Vec::new());
+    assert!(device.has_lasted());
+}
+
+#[test]
 fn one_lost_answer_is_no_break_and_silence_is_one() {
     // Moments of the misses after an answer at 0 s, and whether continuity is broken then.
     let table: [(&[f64], bool); 6] = [

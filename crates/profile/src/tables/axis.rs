@@ -179,10 +179,11 @@ impl Axis {
         !self.settings.models.is_empty()
     }
 
-    /// Whether a zero changes what its Cz is measured from: its datum, or the reference of an input of its models.
-    pub fn counts_from_zero(&self) -> bool {
-        let mut inputs = self.settings.models.iter().flat_map(Model::rises);
-        self.settings.datum == Datum::Zero || inputs.any(|input| input.reference == Reference::Zero)
+    /// Returns whether its Cz is measured from this: its datum, or the reference of an input of its models.
+    pub fn counts_from(&self, reference: Reference) -> bool {
+        let by_datum = reference == Reference::Zero && self.settings.datum == Datum::Zero;
+        by_datum
+            || self.settings.models.iter().flat_map(Model::rises).any(|input| input.reference == reference)
     }
 
     /// Whether some model of it says how wrong it is expected to be.
