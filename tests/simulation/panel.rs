@@ -136,7 +136,9 @@ impl Panel {
         for ((way, line), ours) in self.ways.iter_mut().zip(lines).zip(ours) {
             let must_go_back = self.has_contact && !way.is_touched;
             way.was_away = way.away(ours).is_some_and(|away| away > BAND);
-            way.back_by = way.away(ours).filter(|_| must_go_back).map(|away| {
+            // It may go back to any of them.
+            let farthest = way.held.iter().map(|held| (ours - held).abs()).max();
+            way.back_by = farthest.filter(|_| must_go_back).map(|away| {
                 let takes = Duration::from_secs_f64(away as f64 / COUNTS_PER_SECOND);
                 self.fair[line].passed + takes + BACK_LATER
             });
