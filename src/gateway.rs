@@ -146,6 +146,8 @@ pub struct Options {
     pub listener: Option<EventListener>,
     /// Handover of the program before this one in the same process, or why it is not accepted; `None` after an ordinary start.
     pub handover: Result<Option<Handover>, String>,
+    /// Whether registers that a person has released may be moved, or why not.
+    pub may_release: Result<(), String>,
     /// Called where a stuck gateway cannot even stop.
     pub give_up: Arc<dyn Fn() + Send + Sync>,
 }
@@ -165,6 +167,7 @@ impl Default for Options {
             broker: None,
             listener: None,
             handover: Ok(None),
+            may_release: Ok(()),
             give_up: Arc::new(|| {}),
         }
     }
@@ -215,7 +218,7 @@ impl Gateway {
             journal.report(clock.now(), &Event::HandoverRefused { why: why.clone() });
         }
         let mut left = Left::open(&options, &profile, (&journal, clock));
-        let releases = left.extend(&mut profile, options.dry_run);
+        let releases = left.extend(&mut profile, &options);
         let profile = Arc::new(profile);
         let Left { mut recalled, correction, opened, places, is_lost } = left;
         let remembers = |output: &str| recalled.verified_um.contains_key(output);

@@ -22,7 +22,8 @@ const YES: &str = "yes";
 /// steps, within the limit, step and rate that the output had. The part of an operator in a shared register stays.
 ///
 /// The gateway is restarted for it as by `isotherm restart --keep`, so the profile as it is now takes effect, and nothing else moves. It
-/// begins only if the register holds the value that is shown here. Without a terminal `--yes` is needed.
+/// begins only if the register holds the value that is shown here. If the gateway ends before it is over, the register stays where it
+/// is, and a person releases it again. Without a terminal `--yes` is needed.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm release my-machine.toml cnc_z\n  isotherm release my-machine.toml cnc_z --yes"
@@ -51,27 +52,29 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let left = status["left"].as_array().map_or(&[][..], Vec::as_slice);
     let of_output: Vec<&Value> = left.iter().filter(|one| one["output"] == output.as_str()).collect();
     if of_output.is_empty() {
-        let is_known = profile.outputs.iter().any(|known| known.name == *output);
-        anyhow::bail!("{}", nothing_left(output, is_known, left));
+        let present = status["outputs"].as_array().map_or(&[][..], Vec::as_slice);
+        let is_present = present.iter().any(|known| known["name"] == output.as_str());
+        anyhow::bail!("{}", nothing_left(output, is_present, left));
     }
     if let Some(returning) = of_output.iter().find(|one| one["state"] == "returning") {
         let said = format!("output {output}: on its way back already: {}", way(returning));
         return gateway.print(Ok(Answer::Done(said)));
     }
-    let obstacle = |one: &&Value| one["obstacle"].as_str().map(str::to_owned);
-    if let Some(why) =
-        of_output.iter().find_map(obstacle).filter(|_| of_output.iter().all(|one| obstacle(one).is_some()))
-    {
+    let obstacle = |one: &&&Value| one["obstacle"].as_str().map(str::to_owned);
+    let can: Vec<&&Value> = of_output.iter().filter(|one| obstacle(one).is_none()).collect();
+    if can.is_empty() {
+        let why = of_output.iter().find_map(|one| obstacle(&one)).unwrap_or_default();
         anyhow::bail!("output {output}: {} cannot be released: {why}", word(&of_output[0]["register"]));
     }
-    for one in of_output.iter().filter(|one| obstacle(one).is_none()) {
+    for one in &can {
         say_beside!("output {output}: {}", way(one));
     }
+    let seen: Vec<f64> = can.iter().map(|one| seen(one)).collect();
     say_beside!(
         "The gateway is restarted for it as by `isotherm restart --keep`, with the profile as it is now."
     );
     anyhow::ensure!(*yes || is_wanted()?, "nothing is released");
-    let replaced = control::release(&socket, output, within, |said| say_beside!("{said}"));
+    let replaced = control::release(&socket, (output, &seen), within, |said| say_beside!("{said}"));
     let status = restart::taken_over(&socket, replaced)?;
     gateway.print(Ok(Answer::Done(restart::sentence(&status))))
 }
@@ -86,24 +89,29 @@ fn is_wanted() -> anyhow::Result<bool> {
     Ok(typed()?.is_some_and(|text| text.trim() == YES))
 }
 
-/// Why there is nothing to release of an output. `is_known`: it is in the profile.
-fn nothing_left(output: &str, is_known: bool, left: &[Value]) -> String {
+/// Why there is nothing to release of an output. `is_present`: the gateway still writes to it.
+fn nothing_left(output: &str, is_present: bool, left: &[Value]) -> String {
     let mut names: Vec<&str> = left.iter().map(|one| word(&one["output"])).collect();
     names.dedup();
     let others = match names.as_slice() {
         [] => "there is nothing to release now".to_owned(),
         names => format!("these can be released: {}", names.join(", ")),
     };
-    match is_known {
+    match is_present {
         true => format!(
-            "output {output} is at its place in the profile, and nothing of ours is in another register of it; to release its \
-             register, move or remove the output in the profile first and run `isotherm restart --keep`; {others}"
+            "the running gateway writes to output {output} where its profile says, and left nothing in another register of it; to \
+             release its register, move or remove the output in the profile first and run `isotherm restart --keep`; {others}"
         ),
         false => format!(
             "nothing of ours is in a register of an output {} that was moved or removed; {others}",
             quoted(output)
         ),
     }
+}
+
+/// Cz of ours that a person has seen in a register, µm.
+fn seen(left: &Value) -> f64 {
+    left["found_um"].as_f64().or(left["held_um"].as_f64()).unwrap_or_default()
 }
 
 /// What is left in a register, and how it goes back.
@@ -119,10 +127,11 @@ fn way(left: &Value) -> String {
             micron("held_um")
         ),
     };
+    let beside = figure("operator").map_or(String::new(), |part| format!(", beside {part} of the operator's"));
     let bound = |key: &str| figure(key).map_or("unknown".to_owned(), |um| format!("{um} µm"));
     let seconds = figure("back_s").and_then(|seconds| Duration::try_from_secs_f64(seconds.ceil()).ok());
     format!(
-        "{holds}; it goes back to its base by at most {} an update and {}/s, within ±{}: about {}",
+        "{holds}{beside}; it goes back to its base by at most {} an update and {}/s, within ±{}: about {}",
         bound("step_um"),
         bound("rate_um_per_s"),
         bound("limit_um"),
@@ -150,7 +159,11 @@ mod tests {
             "20.0 µm of ours were verified in holding:104 (40105) of unit 1 at 10.0.0.7:502; it goes back to its base by at most \
              1 µm an update and 0.25 µm/s, within ±40 µm: about 1m 20s"
         );
+        left["operator"] = 3.5.into();
+        assert!(way(&left).contains("at 10.0.0.7:502, beside 3.5 of the operator's; it goes"), "{}", way(&left));
+        assert!((seen(&left) - 20.0).abs() < 1e-9);
         left["found_um"] = 5.0.into();
+        assert!((seen(&left) - 5.0).abs() < 1e-9);
         assert!(
             way(&left).contains("held 5.0 µm when it was read last, and 20.0 µm of ours"),
             "{}",
@@ -164,7 +177,7 @@ mod tests {
         let said = nothing_left("cnc_z", false, &left);
         assert!(said.contains("cnc_z") && said.ends_with("these can be released: cnc_x, cnc_y"), "{said}");
         let said = nothing_left("cnc_z", true, &[]);
-        assert!(said.contains("is at its place in the profile") && said.contains("restart --keep"), "{said}");
+        assert!(said.contains("the running gateway writes to output cnc_z") && said.contains("restart --keep"), "{said}");
         assert!(said.ends_with("there is nothing to release now"), "{said}");
     }
 }

@@ -138,9 +138,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
     may_start(&options, &profile).map_err(anyhow::Error::msg)?;
     let unseen = match arguments.dry_run {
         true => None,
-        // A register that a person has released is written, too.
-        false => claims::claim(&with_releases(&directory, profile.clone()), &directory)
-            .map_err(anyhow::Error::msg)?,
+        false => claim(&profile, &directory, &mut options)?,
     };
     let mut sockets = Sockets::default();
     match web(arguments.listen.as_deref(), &profile) {
@@ -248,13 +246,26 @@ fn check(arguments: &Arguments, socket: &Path) -> anyhow::Result<()> {
     let options = Options { directory: Some(directory.clone()), ..Options::default() };
     may_start(&options, profile).map_err(anyhow::Error::msg)?;
     if !arguments.dry_run {
-        let profile = with_releases(&directory, profile.clone());
-        claims::could_claim(&profile, &directory).map_err(anyhow::Error::msg)?;
+        claims::could_claim(profile, &directory).map_err(anyhow::Error::msg)?;
     }
     web(arguments.listen.as_deref(), profile).map_or(Ok(()), |web| Port::new(&web).map(drop))?;
     // A script around this program may print something afterwards.
     let seal = |sources: Sources| KeptProfile::seal(sources.finish()?.0).map(drop);
     sources.map_or(Ok(()), seal).context("the profile cannot be handed over")
+}
+
+/// Claims what this gateway writes to. Registers that a person has released stay as they are if another gateway writes to one: the
+/// machine does not stand still for them. Returns why other gateways cannot be seen, if they cannot.
+fn claim(profile: &Profile, directory: &Path, options: &mut Options) -> anyhow::Result<Option<String>> {
+    let released = with_releases(directory, profile.clone());
+    let claimed = match claims::claim(&released, directory) {
+        Err(why) if released.outputs.len() > profile.outputs.len() => {
+            options.may_release = Err(why);
+            claims::claim(profile, directory)
+        }
+        claimed => claimed,
+    };
+    claimed.map_err(anyhow::Error::msg)
 }
 
 /// The page of the profile, at another address where one is given.

@@ -10,6 +10,7 @@ use std::path::Path;
 use super::disk::{Disk, Files};
 use super::store::document::{Seal, read, render};
 use super::store::{Content, number, path};
+use serde_json::Value;
 use isotherm_core::output::{Doubt, Kept};
 
 /// Name and bytes of the document; none if nothing was kept yet.
@@ -83,9 +84,12 @@ fn one_put_back(
     Ok((name.to_owned(), document))
 }
 
-/// Document in which no share is ours before a person says so, and a whole register waits as after a kill.
+/// Document in which no share is ours before a person says so, and a whole register waits as after a kill. What was known of former
+/// registers may be another's since.
 fn doubted(seal: &Seal, content: Content) -> std::io::Result<Vec<u8>> {
-    let Content { state, mut outputs } = content.not_in_order();
+    let Content { mut state, mut outputs } = content.not_in_order();
+    let places = state.as_mut().and_then(|state| state.get_mut("places")).and_then(Value::as_object_mut);
+    places.into_iter().for_each(|places| places.retain(|key, _| key != "kept" && key != "releases"));
     for entry in outputs.values_mut().filter(|entry| entry.kept.account.is_some()) {
         entry.kept = Kept::in_question(Doubt::Restored);
     }

@@ -157,7 +157,8 @@ impl Core {
         }
         (self.stepped_at, self.next_due) = (now, self.compensation.next_due());
         let has_model = |axis| self.compensation.has_usable_model(axis, &snapshot);
-        self.has_read = self.has_read || (0..profile.axes.len()).any(has_model);
+        // The model of an axis that takes a register back needs no reading.
+        self.has_read = self.has_read || (0..profile.compensated()).any(has_model);
         self.storage.record(&snapshot, &self.controls, &self.compensation);
         for axis in 0..self.arming.len() {
             if let Some(decision) = self.compensation.decision(axis).filter(|decision| decision.at == now) {
@@ -290,10 +291,9 @@ impl Core {
                 }
                 _ => self.arming[axis].attempt(profile, axis, &self.outputs, ready, beyond),
             };
-            match self.releases.judge(axis, attempt) {
+            match self.releases.judge(AxisId(axis), attempt, |id| self.outputs[id.0].shares) {
                 Attempt::NotYet => {}
                 Attempt::From(from, take_over_slope) => {
-                    let take_over = Some(from);
                     let was_driven = std::mem::take(&mut self.was_driven[axis]);
                     let by = self.arming[axis].asked.take().map(|asked| asked.by);
                     let by_person = by.as_ref().is_some_and(|by| by.way != Way::Restart);
@@ -306,7 +306,7 @@ impl Core {
                     self.arming[axis] = Arming {
                         armed: true,
                         by_person,
-                        take_over,
+                        take_over: Some(from),
                         take_over_slope,
                         trust,
                         ..Arming::default()
@@ -317,7 +317,7 @@ impl Core {
                             self.outputs[id.0].standing = Standing::Verified;
                         }
                     }
-                    self.was_armed = true;
+                    self.was_armed |= !profile.is_release(AxisId(axis));
                     let slope = take_over_slope.unwrap_or(Micron::ZERO);
                     self.devices.armed(axis, ReturnTo { cz: from, slope });
                     if by_person {
@@ -454,13 +454,16 @@ impl Core {
         }
     }
 
-    /// An unknown register was read and holds this Cz: the axis resumes from it. Returns whether the axis resumes by this
-    /// output.
+    /// An unknown register was read and holds this Cz. Returns whether its axis resumes from it.
     pub(super) fn found(&mut self, id: OutputId, cz: Micron) -> bool {
         let profile = &self.given.profile;
         let Output { axis: AxisId(axis), writes, .. } = *profile.output(id);
         let first = self.outputs.ids(axis).iter().find(|id| profile.output(**id).writes == writes);
         if !self.arming[axis].armed || first != Some(&id) {
+            return false;
+        }
+        if let Err(why) = self.releases.admit(id, cz, self.outputs[id.0].shares) {
+            self.disarm(AxisId(axis), why);
             return false;
         }
         if writes == Writes::Slope {
@@ -531,13 +534,12 @@ impl Core {
                 AxisState::Holding(_) => axis.settings.on_fault == OnFault::Hold,
                 _ => false,
             };
-            let (is_tripped, asked) =
-                (self.arming[place].armed && decision.tripped, self.arming[place].asked.clone());
+            let is_tripped = self.arming[place].armed && decision.tripped;
             if self.arming[place].tripped != is_tripped {
                 self.arming[place].tripped = is_tripped;
             }
-            let over = is_tripped && ended && self.stop.is_none();
-            if over && self.has_arrived(place) {
+            if is_tripped && ended && self.stop.is_none() && self.has_arrived(place) {
+                let asked = self.arming[place].asked.clone();
                 self.disarm(AxisId(place), Explained::new(BEYOND_ERROR, WHEN_FOUND));
                 let trust = self.arming[place].trust;
                 self.arming[place] = Arming { latched: true, asked, trust, ..Arming::default() };
@@ -569,7 +571,7 @@ impl Core {
     fn report_axes(&mut self, profile: &Profile, now: Moment) {
         let mut events = std::mem::take(&mut self.events);
         let mut reported = std::mem::take(&mut self.reported);
-        for (axis, reported) in reported.iter_mut().enumerate() {
+        for (axis, reported) in reported.iter_mut().enumerate().take(profile.compensated()) {
             let Some(decision) = self.compensation.decision(axis) else { continue };
             let settings = &profile.axes[axis].settings;
             let why = || self.why(axis, now);

@@ -16,7 +16,7 @@ use crate::clock::{Clock, Correction};
 use crate::observe::events::{Event, Journal};
 use isotherm_core::compensation::Stop;
 use isotherm_core::output::Account;
-use isotherm_core::place::{KnownOutput, OutputPlace, Owner};
+use isotherm_core::place::{KnownOutput, OutputPlace, Release, Stage};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::Profile;
 
@@ -87,31 +87,35 @@ impl Left {
         left
     }
 
-    /// Adds the registers that a person has released to the profile, with what the ledger has of them. None is added in a dry run,
-    /// and while a person has to answer for the state.
-    pub(super) fn extend(&mut self, profile: &mut Profile, dry_run: bool) -> Releases {
+    /// Adds the registers that a person has released to the profile, with what the ledger has of them. A release that began in an
+    /// earlier run is over: its register is named again. None is added in a dry run, while a person has to answer for the state, and
+    /// if another gateway writes to one.
+    pub(super) fn extend(&mut self, profile: &mut Profile, options: &Options) -> Releases {
         let Left { places, opened, is_lost, .. } = self;
+        let releases = std::mem::take(&mut places.releases);
+        let (asked, begun): (Vec<Release>, Vec<Release>) =
+            releases.into_iter().partition(|release| release.stage == Stage::Asked);
+        begun.iter().for_each(|release| places.ends(release));
         let mut releases = Releases::of(profile, &places.former, &places.kept);
-        let Some(opened) = opened else { return releases };
-        let Ok(found) = &mut opened.found else { return releases };
-        if dry_run || *is_lost || opened.file.question().is_open() {
+        let found = opened.as_mut().filter(|opened| !opened.file.question().is_open());
+        let Some(Ok(found)) = found.map(|opened| &mut opened.found) else { return releases };
+        if options.dry_run || *is_lost {
             return releases;
         }
+        if let Err(why) = &options.may_release {
+            releases.refuse_all(why);
+        }
+        let can = |release: &Release| releases.obstacle(&release.place).is_none();
+        let asked: Vec<Release> = asked.into_iter().filter(can).collect();
+        releases.returning = extend(profile, &asked, &places.kept);
         let entries = &mut found.get_or_insert_default().outputs;
-        // Without an account nobody knows which part of a shared register is the operator's.
-        places.releases.retain(|release| {
-            let account = || places.kept.iter().find(|entry| entry.lies_at(&release.place))?.kept.account;
-            release.place.share == Owner::Whole || account().is_some_and(|account| account.doubt.is_none())
-        });
-        let returning = extend(profile, &places.releases);
-        places.releases.retain(|release| returning.iter().any(|one| one.release == *release));
-        for one in &returning {
+        for one in &releases.returning {
             let output = profile.output(one.output);
             if let Some(kept) = places.kept_of(&one.release.place) {
                 entries.insert(output.name.clone(), Entry::new(of_output(profile, output), kept));
             }
         }
-        releases.returning = returning;
+        places.releases = releases.returning.iter().map(|one| one.release.clone()).collect();
         releases
     }
 }
@@ -228,7 +232,8 @@ pub fn moved_since(directory: &Path, profile: &Profile) -> Vec<String> {
 /// Returns the profile with the registers that a person has released, as the next gateway with this state directory runs it.
 pub fn with_releases(directory: &Path, mut profile: Profile) -> Profile {
     if let Some((places, _)) = places_in(directory, &profile) {
-        extend(&mut profile, &places.releases);
+        let asked = places.releases.iter().filter(|release| release.stage == Stage::Asked);
+        extend(&mut profile, &asked.cloned().collect::<Vec<_>>(), &places.kept);
     }
     profile
 }

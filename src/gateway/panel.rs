@@ -18,7 +18,7 @@ use crate::clock::Passing;
 use crate::observe::asker::Asker;
 use crate::observe::events::file::{self, Found};
 use crate::observe::events::{Entry, Event};
-use crate::observe::status::{Answer, Command, Source, Status};
+use crate::observe::status::{Answer, Command, Source, Status, Wish};
 use isotherm_core::compensation::reference::Reference;
 use isotherm_core::compensation::{Measured, MeasuredReport, Refused, Snapshot};
 use isotherm_core::explained::Explained;
@@ -87,8 +87,8 @@ impl Source for Panel {
         self.commands.confirm(device, asker)
     }
 
-    fn release(&self, output: &str, asker: &Asker) -> Result<Answer, String> {
-        self.commands.release(output, asker)
+    fn release(&self, output: &str, wish: Wish<'_>, asker: &Asker) -> Result<Answer, String> {
+        self.commands.release(output, wish, asker)
     }
 
     fn logs(&self, from: Moment, to: Moment) -> Option<Vec<PathBuf>> {
@@ -463,14 +463,17 @@ impl CommandHandle {
         })
     }
 
-    /// Has a former register released. Its way back begins with the next start.
-    fn release(&self, output: &str, asker: &Asker) -> Result<Answer, String> {
+    /// Has the former registers of an output released. Their way back begins with the next start.
+    fn release(&self, output: &str, wish: Wish<'_>, asker: &Asker) -> Result<Answer, String> {
+        let Wish::Back(seen) = wish else {
+            return Ok(Answer::Done(releasing::take_back(&mut self.0.core(), output)));
+        };
         if let Err(too_soon) = self.takes("release", &[About::Nothing]) {
             return Ok(too_soon);
         }
         let command = format!("release {}", quoted(output));
         self.carry_out((command, Vec::new()), asker, String::as_str, |core| {
-            releasing::ask(core, output, asker.way.by(&asker.who))
+            releasing::ask(core, (output, seen), asker.way.by(&asker.who))
         })
         .map(Answer::Done)
     }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::release::{BY_HAND, Releases, bounds_of, layout};
+use super::release::{AXIS, BY_HAND, Releases, bounds_of, layout};
 use super::store::{Entries, Entry};
 use crate::observe::events::Event;
 use isotherm_core::codec::{Namespace, NodeId};
@@ -14,7 +14,7 @@ use isotherm_core::explained::Explained;
 use isotherm_core::namespaces::KnownNamespaces;
 use isotherm_core::output::Kept;
 use isotherm_core::place::{
-    self, Bounds, Former, Found, KnownOutput, Moved, OutputPlace, Owner, Place, Release, SignalPlace,
+    self, Bounds, Former, Found, KnownOutput, Moved, OutputPlace, Owner, Place, Release, SignalPlace, Stage,
 };
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{AxisId, DeviceId, Output, OutputId, Profile, Share, Signal, Writes};
@@ -277,11 +277,20 @@ impl Places {
         self.kept.iter().find(|entry| entry.lies_at(place)).map(|entry| entry.kept)
     }
 
+    /// Names the register of a release that is over again, with what it held when it was verified last.
+    pub(super) fn ends(&mut self, release: &Release) {
+        match self.former.iter_mut().find(|former| release.is_of(&former.output, &former.place)) {
+            Some(former) => (former.held_um, former.found_um) = (Some(release.held_um), None),
+            None => self.former.push(release.former()),
+        }
+    }
+
     /// Returns whether an entry of the ledger is that of a register which a release has moved, and no output's of the last run.
     pub(super) fn is_of_a_release(&self, name: &str, entry: &Entry) -> bool {
-        let former = self.former.iter().map(|former| &former.place);
-        let mut places = former.chain(self.releases.iter().map(|release| &release.place));
-        !self.outputs.contains_key(name) && places.any(|place| entry.lies_at(place))
+        let is_of_release = |place: &OutputPlace| {
+            place.axis.starts_with(AXIS) && self.outputs.values().all(|output| output.axis != place.axis)
+        };
+        !self.outputs.contains_key(name) && entry.place.as_ref().is_some_and(is_of_release)
     }
 
     /// Cz that a corrected position had last, in µm of the axis that it has now. `None` if its place does not tell.
@@ -307,8 +316,8 @@ impl Places {
                 format!(
                     "output {output} is not in the profile any more; {held} of ours were verified in {place}"
                 ),
-                "take it back with `isotherm release`, or set that register to zero at the control unless the operator needs the \
-                 value; then arm the axis",
+                "take it back with `isotherm release` if that is offered, or set that register to zero at the control unless the \
+                 operator needs the value; then arm the axis",
             );
         };
         let held = held.map_or("what it held is not known".to_owned(), |held| {
@@ -449,6 +458,10 @@ impl Moves {
             }
             is_open
         });
+        // What a person has confirmed is not released later.
+        let Places { former, releases, .. } = Arc::make_mut(&mut self.places);
+        let is_open = |release: &Release| former.iter().any(|one| release.is_of(&one.output, &one.place));
+        releases.retain(|release| release.stage == Stage::Begun || is_open(release));
         let is_over = |output: &String| self.places.former.iter().all(|former| former.output != *output);
         confirmed.retain(is_over);
         confirmed.dedup();

@@ -3,8 +3,10 @@
 //! The profile in memory gets an axis whose Cz is always 0, with the bounds that the output had, and an output at its former place. So
 //! the register is read, written and verified as every other. The file of the profile stays as it is.
 //!
-//! Each of these keeps a register from being released: nothing says how it was moved, the profile writes to it, its line cannot be
-//! opened, or its control does not take it by itself.
+//! A release belongs to one run. If the gateway ends before it is over, the next run names the register again.
+//!
+//! Each of these keeps a register from being released: nothing says how it was moved, the profile writes to it, the profile does not
+//! have its device, or its control does not take it by itself.
 
 use std::time::Duration;
 
@@ -12,23 +14,23 @@ use isotherm_core::codec::{Address, DataType, Encoding, Register, Scale, Table, 
 use isotherm_core::compensation::model::{Condition, Kind, Linear, Model};
 use isotherm_core::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, OnFault};
 use isotherm_core::explained::Explained;
-use isotherm_core::place::{Bounds, Former, Line, Obstacle, OutputPlace, Owner, Release};
-use isotherm_core::quantity::{Micron, MicronPerSecond};
+use isotherm_core::output::Kept;
+use isotherm_core::place::{Bounds, Former, Obstacle, OutputPlace, Owner, Release};
+use isotherm_core::quantity::{Counts, Micron, MicronPerSecond};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{
-    Axis, AxisId, Bus, BusId, Device, DeviceId, Display, Functions, Output, OutputId, Profile, Purpose,
-    Quirks, ReadBy, Share, Transport, Verify, Writes,
+    Axis, AxisId, BusId, Device, DeviceId, Display, Output, OutputId, Profile, Purpose, Share, Verify, Writes,
 };
 
 use super::arming::Attempt;
+use super::claims;
 use super::store::Entry;
 
 /// What a person can do about a register that cannot be released.
 pub(super) const BY_HAND: &str =
     "set that register to zero at the control unless the operator needs the value, then arm the axis";
-/// Timeout and poll period of a line or device that the profile does not have any more.
-const TIMEOUT: Duration = Duration::from_millis(500);
-const EVERY: Duration = Duration::from_secs(1);
+/// Beginning of the name of an axis that takes a register back.
+pub(super) const AXIS: &str = "release_";
 /// Name of the only model of an axis that takes a register back.
 const MODEL: &str = "base";
 /// What no count of a floating-point register is smaller than, in steps.
@@ -53,32 +55,25 @@ pub(super) struct Returning {
     pub(super) release: Release,
     /// Half a count of the register, µm.
     pub(super) grain_um: f64,
+    /// The operator's part of a shared register as it was saved, in counts of the profile. `None` if all of it is ours.
+    pub(super) base: Option<f64>,
+    /// Axis of the output with the same name. It waits: both may be one register of the control under two names.
+    waits: Option<AxisId>,
 }
 
 /// Way to the register of a former place.
 #[derive(Debug)]
 struct Way {
-    device: Target,
+    device: DeviceId,
     register: Register,
     encoding: Encoding,
     when: Option<Condition>,
 }
 
-/// Device of a former place.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Target {
-    /// The profile has it.
-    Known(DeviceId),
-    /// The profile has its line.
-    OnLine(BusId),
-    /// The profile does not have its line either.
-    Elsewhere(Transport),
-}
-
 impl Releases {
     /// Finds out which former places of a profile can be released.
     pub(super) fn of(profile: &Profile, former: &[Former], kept: &[Entry]) -> Releases {
-        let obstacle = |former: &Former| (former.place.clone(), why_not(profile, former, kept));
+        let obstacle = |former: &Former| (former.place.clone(), why_not(profile, former, kept).err());
         Releases { obstacles: former.iter().map(obstacle).collect(), ..Releases::default() }
     }
 
@@ -88,36 +83,78 @@ impl Releases {
         known.map_or_else(|| Some(unknown()), |(_, why)| why.clone())
     }
 
-    /// Refuses the attempt to arm an axis that takes a register back, if the register holds a value that no person has seen.
-    pub(super) fn judge(&self, axis: usize, attempt: Attempt) -> Attempt {
-        let returning = self.returning.iter().find(|one| one.axis.0 == axis);
-        let (Some(Returning { release, grain_um, .. }), Attempt::From(found, _)) = (returning, &attempt)
-        else {
-            return attempt;
-        };
-        if release.may_move_from(found.get(), *grain_um) {
-            return attempt;
+    /// Nothing is released in this run, for this reason.
+    pub(super) fn refuse_all(&mut self, why: &str) {
+        self.obstacles.iter_mut().for_each(|(_, known)| *known = Some(Explained::new(why, BY_HAND)));
+    }
+
+    /// Judges the attempt to arm an axis. One that takes a register back is refused if the register holds a value that no person has
+    /// seen. One whose output was moved waits until the former register is back.
+    pub(super) fn judge(
+        &self,
+        axis: AxisId,
+        attempt: Attempt,
+        shares: impl Fn(OutputId) -> Option<(f64, f64)>,
+    ) -> Attempt {
+        let Attempt::From(found, _) = &attempt else { return attempt };
+        if let Some(one) = self.returning.iter().find(|one| one.waits == Some(axis)) {
+            return Attempt::Refused(Explained::new(
+                format!("the former register of its output, {}, is on its way back to its base", one.release.place),
+                "arm the axis when that is over; `isotherm status` shows how far it is",
+            ));
         }
-        Attempt::Refused(Explained::new(
-            format!(
-                "{} holds {found}, and {:.1} µm of ours were expected in it",
-                release.place, release.from_um
-            ),
-            "compare the register at the control; if the value is to go, release it again",
-        ))
+        let of_axis = self.returning.iter().find(|one| one.axis == axis);
+        match of_axis.map(|one| one.admit(*found, shares(one.output))) {
+            Some(Err(why)) => Attempt::Refused(why),
+            Some(Ok(())) | None => attempt,
+        }
+    }
+
+    /// Checks that an output may resume from a Cz that was read in its register. One that is not released always may.
+    ///
+    /// # Errors
+    /// No person has seen this value in the register.
+    pub(super) fn admit(
+        &self,
+        output: OutputId,
+        found: Micron,
+        shares: Option<(f64, f64)>,
+    ) -> Result<(), Explained> {
+        let returning = self.returning.iter().find(|one| one.output == output);
+        returning.map_or(Ok(()), |one| one.admit(found, shares))
+    }
+}
+
+impl Returning {
+    /// Checks that its axis may go on from a Cz that was read. `shares`: the operator's part and ours of a shared register.
+    ///
+    /// # Errors
+    /// No person has seen this value in the register.
+    pub(super) fn admit(&self, found: Micron, shares: Option<(f64, f64)>) -> Result<(), Explained> {
+        let Release { place, from_um, .. } = &self.release;
+        let compare = "compare the register at the control; if the value is to go, release it again";
+        if !self.release.may_move_from(found.get(), self.grain_um) {
+            let cause = format!("{place} holds {found}, and {from_um:.1} µm of ours were expected in it");
+            return Err(Explained::new(cause, compare));
+        }
+        let Some(was) = self.base else { return Ok(()) };
+        match shares {
+            Some((is, _)) if (is - was).abs() <= self.grain_um => Ok(()),
+            Some((is, _)) => Err(Explained::new(
+                format!(
+                    "{place} holds {is:.1} beside the {from_um:.1} µm of ours, and the operator's part was {was:.1}: perhaps ours \
+                     were taken out by hand"
+                ),
+                compare,
+            )),
+            None => Err(Explained::new(format!("which part of {place} is the operator's is in doubt"), compare)),
+        }
     }
 }
 
 /// Bounds of an output, as they are saved.
 pub(super) fn bounds_of(profile: &Profile, output: &Output) -> Bounds {
     let axis = &profile.axis(output.axis).settings;
-    let device = profile.device(output.device);
-    let bus = profile.bus(device.bus);
-    let line = match bus.transport {
-        Transport::Tcp if bus.tls.is_none() => Line::ModbusTcp,
-        Transport::RtuOverTcp => Line::ModbusRtuOverTcp,
-        _ => Line::Other,
-    };
     let obstacle = match &output.address {
         _ if output.set.is_some() => Some(Obstacle::Set),
         _ if output.writes != Writes::Offset => Some(Obstacle::Writes),
@@ -130,7 +167,6 @@ pub(super) fn bounds_of(profile: &Profile, output: &Output) -> Bounds {
         step_um: axis.guard.step.get(),
         rate_um_per_s: axis.guard.rate.get(),
         every_s: axis.every.as_secs_f64(),
-        line,
         when: output.when.as_ref().map(|when| when.text.clone()),
         obstacle,
     }
@@ -151,14 +187,17 @@ fn unknown() -> Explained {
     Explained::new(cause, BY_HAND)
 }
 
-/// Returns what keeps a former place from being released. `None` if nothing does.
-fn why_not(profile: &Profile, former: &Former, kept: &[Entry]) -> Option<Explained> {
-    let by_hand = |cause: String| Some(Explained::new(cause, BY_HAND));
-    let Some(bounds) = &former.bounds else { return Some(unknown()) };
+/// Checks that a former place can be released.
+///
+/// # Errors
+/// What keeps it from being released, with what a person can do.
+fn why_not(profile: &Profile, former: &Former, kept: &[Entry]) -> Result<(), Explained> {
+    let by_hand = |cause: String| Err(Explained::new(cause, BY_HAND));
+    let Some(bounds) = &former.bounds else { return Err(unknown()) };
+    way(profile, &former.place, bounds)?;
     if former.place.share == Owner::Ledger {
         let entry = kept.iter().find(|entry| entry.lies_at(&former.place));
-        let account = entry.and_then(|entry| entry.kept.account);
-        match account {
+        match entry.and_then(|entry| entry.kept.account) {
             None => {
                 return by_hand("the saved state does not say which part of it is the operator's".to_owned());
             }
@@ -170,12 +209,27 @@ fn why_not(profile: &Profile, former: &Former, kept: &[Entry]) -> Option<Explain
     }
     let held = former.found_um.or(former.held_um).unwrap_or_default();
     if held.abs() > bounds.limit_um + bounds.step_um * GRAIN_OF_A_STEP {
-        return by_hand(format!(
-            "{held:.1} µm is more than the limit of ±{} µm that it had",
-            bounds.limit_um
-        ));
+        return by_hand(format!("{held:.1} µm is more than the limit of ±{} µm that it had", bounds.limit_um));
     }
-    way(profile, &former.place, bounds).err()
+    Ok(())
+}
+
+/// The operator's part of a shared register as it was saved, in the unit of the register. `None` if all of it is ours, or nothing is
+/// known.
+pub(super) fn operators_part(place: &OutputPlace, bounds: &Bounds, kept: Option<&Kept>) -> Option<f64> {
+    let account = kept?.account.filter(|_| place.share == Owner::Ledger)?;
+    let (_, encoding) = register(place)?;
+    if encoding.data_type.integer_range().is_some() {
+        return Some(encoding.value_of(account.base - Counts(place.bias)));
+    }
+    #[allow(clippy::cast_precision_loss, reason = "no register holds 2^53 counts")]
+    let counts = account.base.0 as f64;
+    Some(counts * bounds.step_um * factor(place) * GRAIN_OF_A_STEP)
+}
+
+/// How much of a Cz is written.
+fn factor(place: &OutputPlace) -> f64 {
+    if place.diameter { 2.0 } else { 1.0 }
 }
 
 /// Finds the way to the register of a former place.
@@ -189,9 +243,14 @@ fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Way, E
     }
     let (register, encoding) = register(place)
         .ok_or_else(|| by_hand(format!("no register is read as {} {}", place.address, place.layout)))?;
+    let device = device_at(profile, place).ok_or_else(|| {
+        Explained::new(
+            format!("the profile does not have its device any more, unit {} at {}", place.unit, place.bus),
+            "put that bus and device into the profile again and restart with `isotherm restart --keep`, or set that register to zero at \
+             the control unless the operator needs the value",
+        )
+    })?;
     let count = encoding.data_type.registers();
-    let buses = profile.buses.iter().enumerate().filter(|(_, bus)| bus.address == place.bus);
-    let buses: Vec<(BusId, &Bus)> = buses.map(|(id, bus)| (BusId(id), bus)).collect();
     let is_written = |bus: BusId| {
         let written = profile.written_on(bus);
         (0..count).any(|more| {
@@ -199,18 +258,15 @@ fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Way, E
             written.contains(&format!("unit {} {}:{offset}", place.unit, register.table.name()))
         })
     };
-    if buses.iter().any(|(bus, _)| is_written(*bus)) {
+    if claims::same_lines(profile, profile.device(device).bus).into_iter().any(is_written) {
         return Err(Explained::new("the profile writes to it", "arm the axis of that output"));
     }
-    let device = target(profile, place, bounds.line, &buses)?;
-    if let Target::Known(id) = device {
-        let device = profile.device(id);
-        if device.functions.writes(count).is_none() || !device.functions.reads(Table::Holding) {
-            return Err(by_hand(format!(
-                "`functions` of device {} do not allow it to be read and written",
-                device.name
-            )));
-        }
+    let settings = profile.device(device);
+    if settings.functions.writes(count).is_none() || !settings.functions.reads(Table::Holding) {
+        return Err(by_hand(format!(
+            "`functions` of device {} do not allow it to be read and written",
+            settings.name
+        )));
     }
     let signal = |name: &str| profile.signals.iter().position(|signal| signal.name == name).map(SignalId);
     let when = bounds.when.as_ref().map(|text| {
@@ -221,31 +277,10 @@ fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Way, E
     Ok(Way { device, register, encoding, when: when.transpose()? })
 }
 
-/// Finds the device of a former place, on one of the lines at its address.
-fn target(
-    profile: &Profile,
-    place: &OutputPlace,
-    line: Line,
-    buses: &[(BusId, &Bus)],
-) -> Result<Target, Explained> {
-    let is_modbus =
-        |bus: &Bus| matches!(bus.transport, Transport::Tcp | Transport::RtuOverTcp | Transport::Serial(_));
-    let mut lines = buses.iter().filter(|(_, bus)| is_modbus(bus)).map(|(id, _)| *id);
-    let known = lines.clone().find_map(|bus| {
-        let mut devices = profile.devices_on(bus);
-        devices.find(|(_, device)| device.unit == place.unit).map(|(id, _)| id)
-    });
-    match (known, lines.next(), line) {
-        (Some(device), ..) => Ok(Target::Known(device)),
-        (None, Some(bus), _) => Ok(Target::OnLine(bus)),
-        (None, None, Line::ModbusTcp) => Ok(Target::Elsewhere(Transport::Tcp)),
-        (None, None, Line::ModbusRtuOverTcp) => Ok(Target::Elsewhere(Transport::RtuOverTcp)),
-        (None, None, Line::Other) => Err(Explained::new(
-            format!("the profile does not have its line, {}, any more", place.bus),
-            "put the line into the profile again and restart with `isotherm restart --keep`, or set that register to zero at the \
-             control unless the operator needs the value",
-        )),
-    }
+/// Finds the device of a former place. Its checks, line and timeouts are those of the profile.
+fn device_at(profile: &Profile, place: &OutputPlace) -> Option<DeviceId> {
+    let is_at = |device: &Device| device.unit == place.unit && profile.bus(device.bus).address == place.bus;
+    profile.devices.iter().position(is_at).map(DeviceId)
 }
 
 /// Register and encoding of a former place. `None` if it is no holding register, or has a type that no version writes.
@@ -272,23 +307,24 @@ fn register(place: &OutputPlace) -> Option<(Register, Encoding)> {
     Some((register, encoding))
 }
 
-/// Adds an axis and an output for each release, and the line and device if the profile does not have them. Returns those that the
-/// profile still allows.
-pub(super) fn extend(profile: &mut Profile, releases: &[Release]) -> Vec<Returning> {
+/// Adds an axis and an output for each release. `kept`: what the ledger has of former places. Returns those that the profile still
+/// allows.
+pub(super) fn extend(profile: &mut Profile, releases: &[Release], kept: &[Entry]) -> Vec<Returning> {
     let mut returning = Vec::new();
     for release in releases {
         let way = way(profile, &release.place, &release.bounds).ok();
-        returning.extend(way.and_then(|way| add(profile, release, way)));
+        let entry = kept.iter().find(|entry| entry.lies_at(&release.place)).map(|entry| &entry.kept);
+        let base = operators_part(&release.place, &release.bounds, entry);
+        returning.extend(way.and_then(|way| add(profile, (release, base), way)));
     }
     returning
 }
 
-fn add(profile: &mut Profile, release: &Release, way: Way) -> Option<Returning> {
+fn add(profile: &mut Profile, (release, base): (&Release, Option<f64>), way: Way) -> Option<Returning> {
     let Release { output, place, bounds, .. } = release;
     let Way { device, register, encoding, when } = way;
-    let factor = if place.diameter { 2.0 } else { 1.0 };
     let is_whole = encoding.data_type.integer_range().is_some();
-    let count = is_whole.then(|| Micron::new(place.scale.abs() / factor)).flatten();
+    let count = is_whole.then(|| Micron::new(place.scale.abs() / factor(place))).flatten();
     let guard = GuardSettings {
         limit: Micron::new(bounds.limit_um)?,
         step: Micron::new(bounds.step_um)?,
@@ -298,7 +334,7 @@ fn add(profile: &mut Profile, release: &Release, way: Way) -> Option<Returning> 
     };
     let every = Duration::try_from_secs_f64(bounds.every_s).ok()?;
     let axes: Vec<&str> = profile.axes.iter().map(|axis| axis.settings.name.as_str()).collect();
-    let name = free(format!("release_{output}"), &axes);
+    let name = free(format!("{AXIS}{output}"), &axes);
     let kind = Kind::Linear(Linear { offset: Micron::ZERO, terms: Vec::new(), slope: None });
     let settings = AxisSettings {
         name,
@@ -316,14 +352,7 @@ fn add(profile: &mut Profile, release: &Release, way: Way) -> Option<Returning> 
         true => free(format!("{output}_released"), &outputs),
         false => output.clone(),
     };
-    let device = match device {
-        Target::Known(device) => device,
-        Target::OnLine(bus) => add_device(profile, bus, place.unit),
-        Target::Elsewhere(transport) => {
-            let bus = add_bus(profile, &place.bus, transport);
-            add_device(profile, bus, place.unit)
-        }
-    };
+    let waits = profile.outputs.iter().find(|known| known.name == *output).map(|known| known.axis);
     let (axis, id) = (AxisId(profile.axes.len()), OutputId(profile.outputs.len()));
     let (label, diameter) = (String::new(), place.diameter);
     profile.axes.push(Axis { settings, label, diameter, probe_input: None, purpose: Purpose::Release });
@@ -348,46 +377,7 @@ fn add(profile: &mut Profile, release: &Release, way: Way) -> Option<Returning> 
         stated: None,
     });
     let grain_um = count.map_or(bounds.step_um * GRAIN_OF_A_STEP, |count| count.get() * 0.501);
-    Some(Returning { axis, output: id, release: release.clone(), grain_um })
-}
-
-fn add_bus(profile: &mut Profile, address: &str, transport: Transport) -> BusId {
-    let names: Vec<&str> = profile.buses.iter().map(|bus| bus.name.as_str()).collect();
-    let name = free("release".to_owned(), &names);
-    profile.buses.push(Bus {
-        name,
-        transport,
-        address: address.to_owned(),
-        tls: None,
-        opcua: None,
-        timeout: TIMEOUT,
-        late: transport.late(TIMEOUT),
-        pipeline: 1,
-        quirks: Quirks::default(),
-        sync: None,
-    });
-    BusId(profile.buses.len() - 1)
-}
-
-fn add_device(profile: &mut Profile, bus: BusId, unit: u8) -> DeviceId {
-    let names: Vec<&str> = profile.devices.iter().map(|device| device.name.as_str()).collect();
-    let (name, quirks) = (free("release".to_owned(), &names), profile.bus(bus).quirks);
-    profile.devices.push(Device {
-        name,
-        label: String::new(),
-        bus,
-        unit,
-        every: EVERY,
-        functions: Functions::ALL,
-        quirks,
-        verify: Vec::new(),
-        template: None,
-        can: None,
-        source_time: None,
-        read: ReadBy::default(),
-        is_pc: false,
-    });
-    DeviceId(profile.devices.len() - 1)
+    Some(Returning { axis, output: id, release: release.clone(), grain_um, base, waits })
 }
 
 /// This name, or with a number one that nothing else has.

@@ -1,11 +1,12 @@
 //! Course of a release: a person asks for it, the next start arms its axis, and it is over when the register was read back at its base.
+//! A stop or a kill ends it before that, and the next start names the register again.
 //!
 //! ```text
 //! ask ─► state ─► restart --keep ─► begin ─► armed, step by step ─► follow: read back at the base ─► over
 //!                                     └────► another value, or the axis is off ─► register-left again
 //! ```
 //!
-//! Nothing else arms such an axis. A stop and a kill leave it where it is, and the next start resumes it.
+//! Nothing else arms such an axis.
 
 use std::sync::Arc;
 
@@ -13,14 +14,17 @@ use super::arming::{ArmRequest, Arming};
 use super::core::Core;
 use super::output::Standing;
 use super::places::register_left;
-use super::release::Returning;
+use super::release::{Returning, operators_part};
 use crate::observe::asker::{Asker, Way};
 use crate::observe::events::Event;
 use crate::observe::status::{LeftState, LeftStatus};
 use isotherm_core::explained::Explained;
-use isotherm_core::place::{Former, Release, Stage};
+use isotherm_core::place::{Bounds, Former, Release, Stage};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::regular::quoted;
+
+/// What was shown is shown with a tenth of a micrometre.
+const AS_SHOWN_UM: f64 = 0.05;
 
 /// Why the axis of a release is off that is over, and what becomes of it.
 const OVER: (&str, &str) = (
@@ -54,6 +58,10 @@ pub(super) fn follow(core: &mut Core) {
             continue;
         }
         let Some(cz) = verified else { continue };
+        if let Err(why) = one.admit(cz, state.shares) {
+            core.disarm(one.axis, why);
+            continue;
+        }
         let is_new = one.release.stage == Stage::Asked;
         one.release = Release { held_um: cz.get(), stage: Stage::Begun, ..one.release };
         note(core, &one);
@@ -67,7 +75,7 @@ pub(super) fn follow(core: &mut Core) {
             core.compensation.decision(one.axis.0).is_some_and(|decision| decision.cz == Micron::ZERO);
         // Something that may still arrive would move the register once more.
         let is_settled = state.waits_until.is_none();
-        if is_decided && is_settled && core.stop.is_none() && one.release.is_back(cz.get(), one.grain_um) {
+        if is_decided && is_settled && core.stop.is_none() && Release::is_back(cz.get(), one.grain_um) {
             ended(core, &one);
         }
     }
@@ -146,11 +154,12 @@ fn settle(core: &mut Core, one: &Returning) {
     core.storage.remember_soon();
 }
 
-/// A person wants a register that is no output's any more back at its base, from the next start on. Returns a sentence.
+/// A person wants the former registers of an output back at their base, from the next start on, having seen these Cz in them, µm.
+/// Returns a sentence.
 ///
 /// # Errors
-/// There is no such register, or it cannot be taken back.
-pub(super) fn ask(core: &mut Core, output: &str, by: String) -> Result<String, Explained> {
+/// There is no such register, it cannot be taken back, or it does not hold what the person has seen.
+pub(super) fn ask(core: &mut Core, (output, seen): (&str, &[f64]), by: String) -> Result<String, Explained> {
     if core.given.dry_run {
         return Err("nothing is written in a dry run".into());
     }
@@ -165,12 +174,13 @@ pub(super) fn ask(core: &mut Core, output: &str, by: String) -> Result<String, E
         return Err(Explained::new(cause, "arm an axis first: a person has to answer for that"));
     }
     let all = left(core);
-    let mut of_output = all.iter().filter(|left| left.output == output).peekable();
-    if of_output.peek().is_none() {
-        return Err(nothing_left(core, output, &all));
+    let of_output: Vec<&LeftStatus> = all.iter().filter(|left| left.output == output).collect();
+    if of_output.is_empty() {
+        let cause =
+            format!("nothing of ours is in a register of an output {} that was moved or removed", quoted(output));
+        return Err(Explained::new(cause, "`isotherm status` shows what is left"));
     }
-    let returning = all.iter().find(|left| left.output == output && left.state == LeftState::Returning);
-    if let Some(left) = returning {
+    if let Some(left) = of_output.iter().find(|left| left.state == LeftState::Returning) {
         return Err(Explained::new(
             format!(
                 "output {output}: {} is on its way back already, {:.1} µm are left",
@@ -184,8 +194,13 @@ pub(super) fn ask(core: &mut Core, output: &str, by: String) -> Result<String, E
     let chosen = places.former.iter().filter(|former| former.is_left_behind(&places.outputs) && can(former));
     let released: Vec<Release> = chosen.filter_map(|former| release(former, by.clone())).collect();
     if released.is_empty() {
-        let obstacle = of_output.find_map(|left| left.obstacle.clone()).unwrap_or_default();
+        let obstacle = of_output.iter().find_map(|left| left.obstacle.clone()).unwrap_or_default();
         return Err(obstacle.within(|cause| format!("output {output} cannot be released: {cause}")));
+    }
+    let as_shown = |(release, seen): (&Release, &f64)| (release.from_um - seen).abs() <= AS_SHOWN_UM;
+    if released.len() != seen.len() || !released.iter().zip(seen).all(as_shown) {
+        let cause = format!("what is left of output {output} is not what was shown");
+        return Err(Explained::new(cause, "look again, and release it if that is to go"));
     }
     let each = released.iter().map(|one| format!("{:.1} µm in {}", one.from_um, one.place));
     let said = format!(
@@ -201,31 +216,18 @@ pub(super) fn ask(core: &mut Core, output: &str, by: String) -> Result<String, E
     Ok(said)
 }
 
+/// A request that has not begun is taken back. Returns a sentence.
+pub(super) fn take_back(core: &mut Core, output: &str) -> String {
+    let saved = &mut Arc::make_mut(&mut core.places.places).releases;
+    saved.retain(|release| release.output != output || release.stage == Stage::Begun);
+    core.storage.remember_soon();
+    format!("output {output}: nothing is released")
+}
+
 fn release(former: &Former, by: String) -> Option<Release> {
     let Former { output, place, bounds, .. } = former.clone();
     let from_um = former.found_um.or(former.held_um)?;
     Some(Release { output, place, bounds: bounds?, from_um, held_um: from_um, stage: Stage::Asked, by })
-}
-
-/// Why there is nothing to release of an output.
-fn nothing_left(core: &Core, output: &str, all: &[LeftStatus]) -> Explained {
-    let mut names: Vec<&str> = all.iter().map(|left| left.output.as_str()).collect();
-    names.dedup();
-    let others = match names.as_slice() {
-        [] => "there is nothing to release now".to_owned(),
-        names => format!("these can be released: {}", names.join(", ")),
-    };
-    if core.places.places.outputs.contains_key(output) {
-        return Explained::new(
-            format!(
-                "output {output} is at its place in the profile, and nothing of ours is in another register of it"
-            ),
-            format!("to release its register, move or remove the output in the profile first; {others}"),
-        );
-    }
-    let cause =
-        format!("nothing of ours is in a register of an output {} that was moved or removed", quoted(output));
-    Explained::new(cause, others)
 }
 
 /// Registers that are no output's any more and keep a value of ours.
@@ -238,12 +240,15 @@ pub(super) fn left(core: &Core) -> Vec<LeftStatus> {
     let left = former.filter(|former| !is_returning(former)).map(|former| {
         let is_asked = places.releases.iter().any(|release| release.is_of(&former.output, &former.place));
         let from_um = former.found_um.or(former.held_um).unwrap_or_default();
+        let kept = places.kept_of(&former.place);
+        let operators = |bounds: &Bounds| operators_part(&former.place, bounds, kept.as_ref());
         LeftStatus {
             output: former.output.clone(),
             register: former.place.to_string(),
             state: if is_asked { LeftState::Asked } else { LeftState::Left },
             held_um: former.held_um.unwrap_or_default(),
             found_um: former.found_um,
+            operator: former.bounds.as_ref().and_then(operators),
             limit_um: former.bounds.as_ref().map(|bounds| bounds.limit_um),
             step_um: former.bounds.as_ref().map(|bounds| bounds.step_um),
             rate_um_per_s: former.bounds.as_ref().map(|bounds| bounds.rate_um_per_s),
@@ -251,12 +256,13 @@ pub(super) fn left(core: &Core) -> Vec<LeftStatus> {
             obstacle: core.releases.obstacle(&former.place),
         }
     });
-    let returning = core.releases.returning.iter().map(|Returning { release, .. }| LeftStatus {
+    let returning = core.releases.returning.iter().map(|Returning { release, base, .. }| LeftStatus {
         output: release.output.clone(),
         register: release.place.to_string(),
         state: LeftState::Returning,
         held_um: release.held_um,
         found_um: None,
+        operator: *base,
         limit_um: Some(release.bounds.limit_um),
         step_um: Some(release.bounds.step_um),
         rate_um_per_s: Some(release.bounds.rate_um_per_s),

@@ -208,8 +208,11 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
         error_um: axis.settings.levels.error.map(Micron::get),
         tripped: decision.tripped,
         armed: picture.arming[place].armed,
-        left_off: axis.has_model()
-            && (is_release(axis) || picture.arming[place].is_left_off(&shared.profile)),
+        left_off: match is_release(axis) {
+            true => !picture.arming[place].armed,
+            false => axis.has_model() && picture.arming[place].is_left_off(&shared.profile),
+        },
+        release: is_release(axis),
         sign: picture.arming[place]
             .sign
             .as_ref()

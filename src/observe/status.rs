@@ -20,7 +20,7 @@ mod broker;
 mod left;
 
 pub use broker::{BrokerFigures, BrokerStatus};
-pub use left::{LeftState, LeftStatus};
+pub use left::{LeftState, LeftStatus, Wish};
 
 /// Whoever shows the state of a running gateway, from any thread, without making it wait.
 pub trait Source: Send + Sync + 'static {
@@ -64,12 +64,12 @@ pub trait Source: Send + Sync + 'static {
     /// A sentence that says why not.
     fn confirm(&self, device: &str, asker: &Asker) -> Result<Answer, String>;
 
-    /// Has a register that is no output's any more taken back to its base, from the next start on: a person wants it. The answer is a
-    /// sentence.
+    /// Takes the wish of a person for the registers of an output that was moved or removed. They are taken back to their base from the
+    /// next start on. The answer is a sentence.
     ///
     /// # Errors
     /// A sentence that says why not.
-    fn release(&self, output: &str, asker: &Asker) -> Result<Answer, String>;
+    fn release(&self, output: &str, wish: Wish<'_>, asker: &Asker) -> Result<Answer, String>;
 
     /// The logs of decisions that may have rows of this span; `None` where none are kept.
     fn logs(&self, from: Moment, to: Moment) -> Option<Vec<PathBuf>>;
@@ -358,6 +358,8 @@ pub struct AxisStatus {
     pub armed: bool,
     /// It is off because people want it so: one has switched it off, or is to arm it first.
     pub left_off: bool,
+    /// It compensates nothing, and takes a register that is no output's any more back to its base. No log has its columns.
+    pub release: bool,
     /// Its sign is being checked with a dial gauge.
     pub sign: Option<SignStatus>,
     /// When its sign was checked last, RFC 3339, and which way the gauge moved.

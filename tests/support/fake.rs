@@ -18,7 +18,7 @@ use isotherm::observe::events::{Entry, Event, Level};
 use isotherm::observe::http::{Admission, TokenFile, serve};
 use isotherm::observe::status::{
     Answer, AxisStatus, BusStatus, Command, DeviceStatus, GainStatus, OutputStatus, ProbeStatus,
-    ProbedStatus, SignalStatus, Source, Status,
+    ProbedStatus, SignalStatus, Source, Status, Wish,
 };
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::display::Display;
@@ -88,8 +88,8 @@ impl Source for Fake {
         Ok(Answer::Done(format!("device {device} is confirmed")))
     }
 
-    fn release(&self, output: &str, asker: &Asker) -> Result<Answer, String> {
-        self.askers.lock().unwrap().push(format!("{asker:?} has released {output}"));
+    fn release(&self, output: &str, wish: Wish<'_>, asker: &Asker) -> Result<Answer, String> {
+        self.askers.lock().unwrap().push(format!("{asker:?} has asked for {output}: {wish:?}"));
         Ok(Answer::Done(format!("output {output} is released")))
     }
 
@@ -202,6 +202,7 @@ pub(crate) fn status() -> Status {
             error_um: None,
             tripped: false,
             armed: true,
+            release: false,
             left_off: false,
             probe: Some(probe()),
             extrapolating: None,

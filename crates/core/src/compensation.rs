@@ -268,10 +268,24 @@ impl Compensation {
     /// Steps each axis that is due at `snapshot.now`, under its control (same order, one each).
     pub fn step(&mut self, snapshot: &Snapshot<'_>, controls: &[Control]) -> Stepped {
         let due = |axis: &Axis, control: &Control| axis.is_due(snapshot.now, control);
-        if !self.axes.iter().zip(controls).any(|(axis, control)| due(axis, control))
+        let mut is_any_due = false;
+        let reads = |(axis, control): (&Axis, &Control)| {
+            let is_due = due(axis, control);
+            is_any_due |= is_due;
+            is_due && !axis.reads_nothing
+        };
+        if !self.axes.iter().zip(controls).any(reads)
             && !self.would_notice(|id| snapshot.value(id), || snapshot.has_usable())
         {
-            return Stepped::default();
+            if !is_any_due {
+                return Stepped::default();
+            }
+            // Axes that rest on no reading take notice of nothing, so that a log without them is replayed alike.
+            self.follow(snapshot);
+            for (axis, control) in self.axes.iter_mut().zip(controls).filter(|(axis, control)| due(axis, control)) {
+                axis.step(&snapshot.followed(), &self.machine, *control);
+            }
+            return Stepped { anything: true, noticed: Noticed::default() };
         }
         for (axis, control) in self.axes.iter_mut().zip(controls) {
             axis.look(snapshot, &self.machine);

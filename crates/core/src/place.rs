@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 mod release;
 
-pub use release::{Bounds, Line, Obstacle, Release, Stage};
+pub use release::{Bounds, Obstacle, Release, Stage};
 
 /// Less than this is nothing in a register, µm.
 const NOTHING_UM: f64 = 0.05;

@@ -210,6 +210,11 @@ impl Profile {
         self.axis(id).purpose == Purpose::Release
     }
 
+    /// Number of the axes that compensate, which come first.
+    pub fn compensated(&self) -> usize {
+        self.axes.iter().take_while(|axis| axis.purpose == Purpose::Compensation).count()
+    }
+
     /// The output.
     pub fn output(&self, id: OutputId) -> &Output {
         &self.outputs[id.0]

@@ -9,7 +9,7 @@ use crate::clock::Clock;
 use crate::observe::asker::Asker;
 use crate::observe::events::Event;
 use crate::observe::events::file::Found;
-use crate::observe::status::{Answer, Command, Source, Status, TruthStatus};
+use crate::observe::status::{Answer, Command, Source, Status, TruthStatus, Wish};
 use crate::virtual_machine::Window;
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::{Moment, time};
@@ -88,8 +88,8 @@ impl Source for WithTruth {
         self.source.confirm(device, asker)
     }
 
-    fn release(&self, output: &str, asker: &Asker) -> Result<Answer, String> {
-        self.source.release(output, asker)
+    fn release(&self, output: &str, wish: Wish<'_>, asker: &Asker) -> Result<Answer, String> {
+        self.source.release(output, wish, asker)
     }
 
     fn turned_away(&self, command: &str, asker: &Asker, why: &str) {

@@ -120,18 +120,20 @@ pub fn restart(path: &Path, within: Duration, show: impl FnMut(&str)) -> Result<
     replaced(path, begun, within, show)
 }
 
-/// Asks the running gateway to take a register that is no output's any more back to its base, which it does after it was replaced as by
-/// [`restart`]. Its state then, as JSON.
+/// Asks the running gateway to take the registers that an output had back to their base, in which a person has seen these Cz, µm. It
+/// does so after it was replaced as by [`restart`]. Its state then, as JSON.
 ///
 /// # Errors
 /// As [`restart`]; there is no such register, or it cannot be taken back.
 pub fn release(
     path: &Path,
-    output: &str,
+    (output, seen): (&str, &[f64]),
     within: Duration,
     show: impl FnMut(&str),
 ) -> Result<String, Failure> {
-    let begun = begin(path, &format!("release {output} within={}", within.as_secs_f64()))?;
+    let seen: Vec<String> = seen.iter().map(f64::to_string).collect();
+    let begun =
+        begin(path, &format!("release {output} seen={} within={}", seen.join(","), within.as_secs_f64()))?;
     replaced(path, begun, within, show)
 }
 

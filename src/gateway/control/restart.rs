@@ -6,8 +6,8 @@
 //! it has found the profile wrong; `restart wrong PATH` does where that is the profile of this gateway, for one in which no name
 //! can be read.
 //!
-//! `release cnc_z`, or `release cnc_z within=10`, is the same, and a register that is no output's any more is taken back to its base
-//! after it.
+//! `release cnc_z seen=20.0`, or `release cnc_z seen=20.0,4.5 within=10`, is the same, and the registers that the output had are taken
+//! back to their base after it, if so many µm of ours are in them.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -19,10 +19,12 @@ use super::{Desk, STILL, said_in_a_line, say};
 use crate::clock::Passing;
 use crate::gateway::successor::{CHECKED_WITHIN, Unfit};
 use crate::observe::asker::{Asker, Connection, PATIENCE, Way};
-use crate::observe::status::Answer;
+use crate::observe::status::{Answer, Wish};
 
 const RESTART: &str = "restart";
 const RELEASE: &str = "release ";
+/// Beginning of the word that says what the person has seen.
+const SEEN: &str = " seen=";
 /// Beginning of the word that says how long the check may take.
 const WITHIN: &str = " within=";
 /// No check takes longer, whatever a client says.
@@ -36,9 +38,10 @@ pub(super) enum Request<'a> {
     Restart {
         within: Duration,
     },
-    /// The former register of this output is taken back to its base after the restart.
+    /// The former registers of this output are taken back to their base after the restart. `seen`: numbers with commas between them.
     Release {
         output: &'a str,
+        seen: &'a str,
         within: Duration,
     },
     /// The profile may be named by its path.
@@ -54,8 +57,9 @@ impl<'a> Request<'a> {
                 Some((output, seconds)) => (output, span(seconds)?),
                 None => (more, CHECKED_WITHIN),
             };
+            let (output, seen) = output.split_once(SEEN)?;
             let is_a_word = !output.is_empty() && !output.contains(' ');
-            return is_a_word.then_some(Request::Release { output, within });
+            return is_a_word.then_some(Request::Release { output, seen, within });
         }
         match line.strip_prefix(RESTART)? {
             "" => Some(Request::Restart { within: CHECKED_WITHIN }),
@@ -96,7 +100,11 @@ pub(super) async fn serve(
     let refused = |why: &str| desk.source.turned_away(RESTART, &asker(), why);
     let (within, released) = match request {
         Request::Restart { within } => (within, None),
-        Request::Release { output, within } => (within, Some(output)),
+        Request::Release { output, seen, within } => {
+            let seen: Result<Vec<f64>, _> = seen.split(',').map(str::parse).collect();
+            let Ok(seen) = seen else { return say(writer, "error seen=… needs numbers\n").await };
+            (within, Some((output, seen)))
+        }
         Request::Wrong(path) => {
             let runs = |path| desk.successor.as_ref().is_some_and(|successor| successor.runs_profile(path));
             if !path.is_none_or(runs) {
@@ -129,8 +137,8 @@ pub(super) async fn serve(
     };
     let (word, why) = match checked {
         Ok(checked) => {
-            if let Some(output) = released {
-                match desk.source.release(output, &asker()) {
+            if let Some((output, seen)) = &released {
+                match desk.source.release(output, Wish::Back(seen), &asker()) {
                     Ok(Answer::Done(said)) => say(writer, &said_in_a_line("waits", &said)).await?,
                     Ok(Answer::Waits(why) | Answer::TooSoon(why)) | Err(why) => {
                         return say(writer, &said_in_a_line("error", &why)).await;
@@ -143,11 +151,13 @@ pub(super) async fn serve(
                     // Its end tells that this program is gone.
                     return std::future::pending().await;
                 }
-                Err(why) if released.is_some() => {
-                    let why = format!("{why}; the register goes back after the next start");
+                Err(why) => {
+                    if let Some((output, _)) = &released {
+                        // A later start would move a register that nobody expects to move any more.
+                        drop(desk.source.release(output, Wish::Stay, &asker()));
+                    }
                     return say(writer, &said_in_a_line("error", &why)).await;
                 }
-                Err(why) => return say(writer, &said_in_a_line("error", &why)).await,
             }
         }
         Err(Unfit::Profile(why)) => ("wrong", format!("the profile is wrong: {why}")),

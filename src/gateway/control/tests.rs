@@ -4,7 +4,7 @@ use std::sync::Mutex;
 use super::*;
 use crate::observe::events::Event;
 use crate::observe::events::file::Found;
-use crate::observe::status::Status;
+use crate::observe::status::{Status, Wish};
 use isotherm_core::quantity::Moment;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
@@ -49,7 +49,7 @@ impl Source for Fake {
         Err(format!("there is no device {device}"))
     }
 
-    fn release(&self, output: &str, _: &Asker) -> Result<Answer, String> {
+    fn release(&self, output: &str, _: Wish<'_>, _: &Asker) -> Result<Answer, String> {
         Err(format!("nothing is left of {output}"))
     }
 
@@ -264,13 +264,20 @@ fn only_a_whole_wish_for_a_wire_log_is_one() {
 fn a_release_names_one_output_and_its_client_stays() {
     let parse = restart::Request::parse;
     let seconds = |seconds: u64| Duration::from_secs(seconds);
-    let release = |output, within| Some(restart::Request::Release { output, within });
-    assert_eq!(parse("release cnc_z"), release("cnc_z", seconds(60)));
-    assert_eq!(parse("release cnc_z within=10 until=8123.25"), release("cnc_z", seconds(10)));
-    assert_eq!(parse("release cnc_z within=1e9"), release("cnc_z", seconds(600)));
-    for line in ["release", "release ", "release a b", "release cnc_z within=soon", "released cnc_z"] {
+    let release = |seen, within| Some(restart::Request::Release { output: "cnc_z", seen, within });
+    assert_eq!(parse("release cnc_z seen=20"), release("20", seconds(60)));
+    assert_eq!(parse("release cnc_z seen=20,-4.5 within=10 until=8123.25"), release("20,-4.5", seconds(10)));
+    assert_eq!(parse("release cnc_z seen=20 within=1e9"), release("20", seconds(600)));
+    for line in [
+        "release",
+        "release ",
+        "release cnc_z",
+        "release a b seen=20",
+        "release cnc_z seen=20 within=soon",
+        "released cnc_z seen=20",
+    ] {
         assert_eq!(parse(line), None, "{line}");
     }
-    let stays = ["release cnc_z", "restart", "restart within=10", "restart wrong", "restart wrong a.toml"];
+    let stays = ["release cnc_z seen=20", "restart", "restart within=10", "restart wrong", "restart wrong a.toml"];
     assert_eq!(stays.map(|line| parse(line).unwrap().stays()), [true, true, true, false, false]);
 }

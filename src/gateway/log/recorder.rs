@@ -9,7 +9,7 @@ use super::{
 use crate::clock::Correction;
 use isotherm_core::compensation::{Control, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::{Moment, Shift, Shifted, time};
-use isotherm_profile::{Axis, Profile, Purpose};
+use isotherm_profile::{Axis, Profile};
 
 /// Turns steps into rows.
 #[derive(Clone, Debug)]
@@ -188,7 +188,7 @@ impl Recorder {
 
 /// The axes that have columns: those of the profile file, which come first. The log of the outputs has what a release does.
 fn recorded(profile: &Profile) -> impl Iterator<Item = &Axis> {
-    profile.axes.iter().take_while(|axis| axis.purpose == Purpose::Compensation)
+    profile.axes.iter().take(profile.compensated())
 }
 
 /// What its models read is watched for standing still.

@@ -300,9 +300,10 @@ fn what_the_ledger_has_of_a_former_place_is_kept_until_nothing_is_left_there() {
     let entries: Entries = [(output.name.clone(), other.clone())].into();
     places.keep(&entries);
     assert_eq!(places.kept, std::slice::from_ref(&entry));
-    assert!(
-        places.is_of_a_release("cnc_z_released", &entry) && !places.is_of_a_release(&output.name, &other)
-    );
+    let place = OutputPlace { axis: "release_cnc_z".to_owned(), ..of_output(&before, output) };
+    let moved = Entry::new(place, kept);
+    assert!(places.is_of_a_release("cnc_z_released", &moved));
+    assert!(!places.is_of_a_release(&output.name, &other) && !places.is_of_a_release("cnc_z_released", &other));
     // A release has moved the register.
     let kept = isotherm_core::output::Kept { in_order: false, ..kept };
     let newer = Entry::new(of_output(&before, output), kept);

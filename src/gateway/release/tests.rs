@@ -4,7 +4,7 @@ use super::*;
 use crate::gateway::places::of_output;
 use isotherm_core::output::{self, Account, Doubt};
 use isotherm_core::place::Stage;
-use isotherm_core::quantity::Counts;
+use isotherm_profile::Bus;
 
 const BENCH: &str = include_str!("../../../tests/gateway/faults/bench.toml");
 
@@ -45,7 +45,7 @@ fn a_profile_gets_an_axis_and_an_output_at_the_former_place_with_the_former_boun
     let bench = profile(BENCH);
     let mut extended = moved();
     let before = extended.clone();
-    let returning = extend(&mut extended, &[release(&bench)]);
+    let returning = extend(&mut extended, &[release(&bench)], &[]);
     assert_eq!(returning.len(), 1);
     let (axis, output) = (extended.axis(returning[0].axis), extended.output(returning[0].output));
     assert_eq!((axis.settings.name.as_str(), output.name.as_str()), ("release_cnc_z", "cnc_z_released"));
@@ -66,32 +66,61 @@ fn a_profile_gets_an_axis_and_an_output_at_the_former_place_with_the_former_boun
 }
 
 #[test]
-fn a_line_and_a_device_that_the_profile_has_no_more_are_added_if_the_address_is_enough() {
+fn a_register_whose_device_the_profile_does_not_have_is_not_released() {
     let bench = profile(BENCH);
-    let rtu = BENCH.replacen(
-        "[bus.control]\ntype = \"modbus-tcp\"",
-        "[bus.control]\ntype = \"modbus-rtu-over-tcp\"",
-        1,
-    );
-    for (before, transport) in [(bench, Transport::Tcp), (profile(&rtu), Transport::RtuOverTcp)] {
-        let mut elsewhere = profile(&BENCH.replace("127.0.0.1:1505", "127.0.0.1:1506"));
-        let counts = (elsewhere.buses.len(), elsewhere.devices.len());
-        // Its interlock is read from the control at the new address.
-        let returning = extend(&mut elsewhere, &[release(&before)]);
-        let output = elsewhere.output(returning[0].output);
-        let device = elsewhere.device(output.device);
-        let bus = elsewhere.bus(device.bus);
-        assert_eq!((bus.transport, bus.address.as_str(), device.unit), (transport, "127.0.0.1:1505", 1));
-        assert_eq!((bus.name.as_str(), device.name.as_str()), ("release", "release"));
-        assert_eq!((elsewhere.buses.len(), elsewhere.devices.len()), (counts.0 + 1, counts.1 + 1));
-        assert!(bus.late >= Duration::from_secs(30) && device.functions == Functions::ALL);
+    let elsewhere = profile(&BENCH.replace("127.0.0.1:1505", "127.0.0.1:1506"));
+    let other_unit = profile(&BENCH.replacen("bus = \"control\"\nunit = 1", "bus = \"control\"\nunit = 2", 1));
+    for mut changed in [elsewhere, other_unit] {
+        let before = changed.clone();
+        let why = why_not(&changed, &former(&bench), &[]).unwrap_err();
+        let words = ["does not have its device any more, unit 1 at 127.0.0.1:1505", "restart --keep"];
+        assert!(words.iter().all(|word| why.to_string().contains(word)), "{why}");
+        assert_eq!(extend(&mut changed, &[release(&bench)], &[]), []);
+        assert_eq!((changed.axes.len(), changed.outputs.len()), (before.axes.len(), before.outputs.len()));
     }
-    let mut other_unit =
-        profile(&BENCH.replacen("bus = \"control\"\nunit = 1", "bus = \"control\"\nunit = 2", 1));
-    let buses = other_unit.buses.len();
-    let returning = extend(&mut other_unit, &[release(&profile(BENCH))]);
-    let device = other_unit.device(other_unit.output(returning[0].output).device);
-    assert_eq!((device.unit, device.name.as_str(), other_unit.buses.len()), (1, "release", buses));
+}
+
+#[test]
+fn a_register_that_the_profile_writes_to_under_another_name_of_its_line_is_not_released() {
+    let bench = profile(BENCH);
+    let mut changed = moved();
+    let same = changed.buses.iter().position(|bus| bus.address == "127.0.0.1:1505").unwrap();
+    let other = Bus { name: "again".to_owned(), address: "localhost:1505".to_owned(), ..changed.buses[same].clone() };
+    changed.buses.push(other);
+    let device = changed.devices.iter().position(|device| device.bus == BusId(same)).unwrap();
+    let (name, bus) = ("again".to_owned(), BusId(changed.buses.len() - 1));
+    changed.devices.push(Device { name, bus, ..changed.devices[device].clone() });
+    let id = DeviceId(changed.devices.len() - 1);
+    assert!(why_not(&changed, &former(&bench), &[]).is_ok());
+    let place = changed.outputs.iter().position(|output| output.name == "cnc_z").unwrap();
+    (changed.outputs[place].device, changed.outputs[place].address) = (id, cnc(&bench).address.clone());
+    let why = why_not(&changed, &former(&bench), &[]).unwrap_err();
+    assert!(why.to_string().contains("the profile writes to it"), "{why}");
+}
+
+#[test]
+fn a_shared_register_is_moved_only_if_the_operators_part_is_the_saved_one() {
+    let text = BENCH.replace("refresh = \"10s\"", "refresh = \"10s\"\nshare = \"ledger\"");
+    let (bench, mut changed) = (profile(&text), profile(&text.replace("holding:104", "holding:106")));
+    let account = Account { base: Counts(300), share: Counts(200), doubt: None };
+    let kept = output::Kept { account: Some(account), ..Default::default() };
+    let entry = Entry::new(of_output(&bench, cnc(&bench)), kept);
+    let returning = extend(&mut changed, &[release(&bench)], &[entry]);
+    let one = &returning[0];
+    assert_eq!(one.base, Some(30.0));
+    let releases = Releases { returning: returning.clone(), ..Releases::default() };
+    let cz = Micron::new(20.0).unwrap();
+    let admit = |shares| releases.admit(one.output, cz, shares);
+    assert_eq!(admit(Some((30.0, 20.0))), Ok(()));
+    // Ours were taken out by hand: the register holds 30.
+    let why = admit(Some((10.0, 20.0))).unwrap_err();
+    assert!(why.to_string().contains("the operator's part was 30.0"), "{why}");
+    assert!(admit(None).is_err());
+    // The axis of the moved output waits.
+    let axis = cnc(&changed).axis;
+    let attempt = releases.judge(axis, Attempt::From(cz, None), |_| None);
+    assert!(matches!(&attempt, Attempt::Refused(why) if why.to_string().contains("on its way back")), "{attempt:?}");
+    assert_eq!(Releases::default().judge(axis, Attempt::From(cz, None), |_| None), Attempt::From(cz, None));
 }
 
 #[test]
@@ -103,7 +132,7 @@ fn two_releases_have_names_of_their_own_and_one_register_is_released_once() {
         ..release(&bench)
     };
     let all = [release(&bench), other, release(&bench)];
-    let returning = extend(&mut extended, &all);
+    let returning = extend(&mut extended, &all, &[]);
     let names: Vec<(&str, &str)> = returning
         .iter()
         .map(|one| {
@@ -149,7 +178,7 @@ fn each_type_and_order_is_found_again_by_its_words() {
 
 /// Why this former place cannot be released in a profile; empty if it can.
 fn why(profile: &Profile, former: &Former, kept: &[Entry]) -> String {
-    why_not(profile, former, kept).map_or(String::new(), |why| why.to_string())
+    why_not(profile, former, kept).err().map_or(String::new(), |why| why.to_string())
 }
 
 #[test]
@@ -194,11 +223,8 @@ fn each_obstacle_is_said_with_what_to_do() {
         ),
         (
             "line",
-            Former {
-                place: OutputPlace { bus: "/dev/ttyUSB7".into(), ..plain.place.clone() },
-                ..bounded(&|bounds| bounds.line = Line::Other)
-            },
-            "the profile does not have its line, /dev/ttyUSB7, any more",
+            placed(&|place| place.bus = "/dev/ttyUSB7".into()),
+            "the profile does not have its device any more, unit 1 at /dev/ttyUSB7",
         ),
     ];
     for (what, former, words) in rows {
@@ -251,7 +277,7 @@ fn bounds_name_what_keeps_an_output_from_being_moved_by_itself() {
         let profile = profile(&BENCH.replace(from, to));
         let bounds = bounds_of(&profile, cnc(&profile));
         assert_eq!(bounds.obstacle, obstacle, "{to}");
-        assert_eq!((bounds.line, bounds.when.as_deref()), (Line::ModbusTcp, Some("cnc_on == 1")));
+        assert_eq!(bounds.when.as_deref(), Some("cnc_on == 1"));
     }
     let bench = profile(BENCH);
     let readout = bench.outputs.iter().find(|output| output.name == "readout_z").unwrap();
@@ -260,10 +286,6 @@ fn bounds_name_what_keeps_an_output_from_being_moved_by_itself() {
     let place = together.outputs.iter().position(|output| output.name == "cnc_z").unwrap();
     together.outputs[place].set = Some(isotherm_profile::SetId(0));
     assert_eq!(bounds_of(&together, &together.outputs[place]).obstacle, Some(Obstacle::Set));
-    let mut serial = bench.clone();
-    let bus = serial.device(cnc(&serial).device).bus;
-    serial.buses[bus.0].transport = Transport::Can;
-    assert_eq!(bounds_of(&serial, cnc(&serial)).line, Line::Other);
 }
 
 #[test]
@@ -273,14 +295,14 @@ fn only_the_axis_of_a_release_is_refused_a_value_that_no_person_has_seen() {
     let mut releases = Releases::of(&extended, &[former(&bench)], &[]);
     assert_eq!(releases.obstacle(&former(&bench).place), None);
     assert!(releases.obstacle(&cnc_place(&extended)).is_some(), "nothing is known of it");
-    releases.returning = extend(&mut extended, &[release(&bench)]);
-    let axis = releases.returning[0].axis.0;
+    releases.returning = extend(&mut extended, &[release(&bench)], &[]);
+    let axis = releases.returning[0].axis;
     let from = |um: f64| Attempt::From(Micron::new(um).unwrap(), None);
-    assert_eq!(releases.judge(axis, from(20.0)), from(20.0));
-    assert_eq!(releases.judge(axis, from(0.0)), from(0.0), "it is back already");
-    assert_eq!(releases.judge(axis, Attempt::NotYet), Attempt::NotYet);
-    assert_eq!(releases.judge(0, from(5.0)), from(5.0), "the profile's own axis takes over what there is");
-    let Attempt::Refused(why) = releases.judge(axis, from(5.0)) else { panic!() };
+    let judge = |axis, attempt| releases.judge(axis, attempt, |_| None);
+    assert_eq!(judge(axis, from(20.0)), from(20.0));
+    assert_eq!(judge(axis, from(0.0)), from(0.0), "it is back already");
+    assert_eq!(judge(axis, Attempt::NotYet), Attempt::NotYet);
+    let Attempt::Refused(why) = judge(axis, from(5.0)) else { panic!() };
     assert!(why.cause.contains("holds 5.0 µm, and 20.0 µm of ours were expected in it"), "{why}");
 }
 

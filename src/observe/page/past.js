@@ -54,7 +54,7 @@ export function showPast(status) {
       ({ column: `${axis.name}_${column}_um`, label: `${title} ${labelled(axis)}`, unit: "um", dash, index, truth }));
     const temperatures = status.signals.filter(({ unit }) => unit === "degC" || unit === "K");
     lines = [
-      status.axes.flatMap(ofAxis),
+      status.axes.filter((axis) => !axis.release).flatMap(ofAxis),
       temperatures.map((signal, index) => ({ column: signal.name, label: labelled(signal), unit: signal.unit, dash: [], index })),
     ].filter((one) => one.length);
     load();

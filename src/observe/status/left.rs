@@ -17,6 +17,8 @@ pub struct LeftStatus {
     pub held_um: f64,
     /// Cz that a release has found in it, if that was another one, µm.
     pub found_um: Option<f64>,
+    /// The operator's part of a shared register as it was saved, in the unit of the register. `None` if all of it is ours.
+    pub operator: Option<f64>,
     /// Largest |Cz| that its axis had, µm; `None` if an earlier version of the program has saved the state.
     pub limit_um: Option<f64>,
     /// Largest change of one update, µm.
@@ -27,6 +29,15 @@ pub struct LeftStatus {
     pub back_s: Option<f64>,
     /// Why it cannot be released, with what to do; `None` if it can.
     pub obstacle: Option<Explained>,
+}
+
+/// Wish of a person for the registers of an output that was moved or removed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Wish<'a> {
+    /// They go back to their base. The person has seen these Cz of ours in them, µm.
+    Back(&'a [f64]),
+    /// They stay as they are: the request is taken back.
+    Stay,
 }
 
 /// How far the release of a register is.

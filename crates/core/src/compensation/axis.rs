@@ -23,6 +23,8 @@ pub(super) use watched::Watched;
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
     pub(super) settings: AxisSettings,
+    /// No model of it reads a signal.
+    pub(super) reads_nothing: bool,
     /// By model, by term.
     lags: Vec<Vec<Lag>>,
     /// By model.
@@ -74,6 +76,7 @@ impl Axis {
         };
         let lags = settings.models.iter().map(|model| model.rises().map(|_| Lag::default()).collect());
         Axis {
+            reads_nothing: settings.models.iter().all(|model| model.signals().is_empty()),
             lags: lags.collect(),
             watched: Watched::all(&settings.models),
             zeroing: Zeroing::new(settings.models.len()),

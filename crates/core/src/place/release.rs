@@ -1,13 +1,15 @@
 //! Way back of a register that is no output's any more: what is saved for it, from which values it begins, and how long it takes.
 //!
-//! The gateway moves the register as an ordinary output, by its controller. This module only decides whether the value that was read
-//! first is one that a person has seen. Another one may be the operator's.
+//! The gateway moves the register as an ordinary output, by its controller. This module only decides whether a value that was read
+//! may be moved. Another one may be the operator's.
 //!
 //! | stage | accepted value |
 //! |---|---|
 //! | any | the base |
 //! | [`Stage::Asked`] | the value that the person has seen, or up to one step nearer to the base |
-//! | [`Stage::Begun`] | any between that value and the base |
+//! | [`Stage::Begun`] | the value verified last, or up to two steps nearer to the base: one verified since, one under way |
+//!
+//! A release ends with its run. The next run names the register again, with the value that was verified last.
 
 use serde::{Deserialize, Serialize};
 
@@ -25,26 +27,12 @@ pub struct Bounds {
     pub rate_um_per_s: f64,
     /// Update period, s.
     pub every_s: f64,
-    /// Kind of its line.
-    pub line: Line,
     /// Interlock, as the profile has it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub when: Option<String>,
     /// Why its register cannot be moved by itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub obstacle: Option<Obstacle>,
-}
-
-/// Kind of a line, as far as its address alone is enough to open it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Line {
-    /// Modbus TCP in the clear.
-    ModbusTcp,
-    /// RTU frames through a TCP connection.
-    ModbusRtuOverTcp,
-    /// A line that needs more than its address.
-    Other,
 }
 
 /// Property of an output that keeps its register from being moved by itself.
@@ -87,7 +75,7 @@ impl Bounds {
     }
 }
 
-/// Progress of a release over the starts of a gateway.
+/// Progress of a release.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stage {
@@ -118,19 +106,19 @@ pub struct Release {
 }
 
 impl Release {
-    /// Returns whether the way back may begin or resume from a Cz that was read. `grain_um`: half a count of the register.
+    /// Returns whether the register may be moved from a Cz that was read. `grain_um`: half a count of the register.
     pub fn may_move_from(&self, found_um: f64, grain_um: f64) -> bool {
-        let reach = match self.stage {
-            Stage::Asked => self.bounds.step_um,
-            Stage::Begun => self.from_um.abs(),
+        let (known_um, steps) = match self.stage {
+            Stage::Asked => (self.from_um, 1.0),
+            Stage::Begun => (self.held_um, 2.0),
         };
-        let (farthest, found) = (self.from_um.abs(), found_um * self.from_um.signum());
-        let is_between = found <= farthest + grain_um && found >= farthest - reach - grain_um;
-        self.is_back(found_um, grain_um) || is_between
+        let (farthest, found) = (known_um.abs(), found_um * self.from_um.signum());
+        let nearest = (farthest - steps * self.bounds.step_um).max(0.0);
+        Release::is_back(found_um, grain_um) || (found <= farthest + grain_um && found >= nearest - grain_um)
     }
 
     /// Returns whether this Cz is the base.
-    pub fn is_back(&self, found_um: f64, grain_um: f64) -> bool {
+    pub fn is_back(found_um: f64, grain_um: f64) -> bool {
         found_um.abs() <= grain_um
     }
 
@@ -169,7 +157,6 @@ mod tests {
             step_um: 1.0,
             rate_um_per_s: 0.25,
             every_s: 2.0,
-            line: Line::ModbusTcp,
             when: None,
             obstacle: None,
         };
@@ -178,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn the_way_back_begins_only_from_what_a_person_has_seen_and_resumes_from_what_lies_on_it() {
+    fn the_register_is_moved_only_from_what_a_person_has_seen_or_what_was_verified_last() {
         let rows = [
             (Stage::Asked, 20.0, true),
             (Stage::Asked, 20.04, true),
@@ -189,20 +176,21 @@ mod tests {
             (Stage::Asked, -20.0, false),
             (Stage::Asked, 0.0, true),
             (Stage::Asked, -0.04, true),
-            (Stage::Begun, 20.0, true),
-            (Stage::Begun, 12.3, true),
-            (Stage::Begun, 0.1, true),
+            (Stage::Begun, 20.0, false),
+            (Stage::Begun, 12.1, false),
+            (Stage::Begun, 12.0, true),
+            (Stage::Begun, 10.0, true),
+            (Stage::Begun, 9.9, false),
             (Stage::Begun, 0.0, true),
-            (Stage::Begun, 20.1, false),
             (Stage::Begun, -0.1, false),
-            (Stage::Begun, -5.0, false),
+            (Stage::Begun, -12.0, false),
         ];
         for (stage, found, may) in rows {
-            assert_eq!(release(20.0, stage).may_move_from(found, 0.05), may, "{stage:?} {found}");
-            assert_eq!(release(-20.0, stage).may_move_from(-found, 0.05), may, "{stage:?} -{found}");
+            let way = |sign: f64| Release { held_um: 12.0 * sign, ..release(20.0 * sign, stage) };
+            assert_eq!(way(1.0).may_move_from(found, 0.05), may, "{stage:?} {found}");
+            assert_eq!(way(-1.0).may_move_from(-found, 0.05), may, "{stage:?} -{found}");
         }
-        assert!(release(20.0, Stage::Begun).is_back(0.04, 0.05));
-        assert!(!release(20.0, Stage::Begun).is_back(0.1, 0.05));
+        assert!(Release::is_back(0.04, 0.05) && !Release::is_back(0.1, 0.05));
     }
 
     #[test]
@@ -223,7 +211,7 @@ mod tests {
         let release = release(-20.000_000_1, Stage::Begun);
         let text = serde_json::to_string(&release).unwrap();
         assert_eq!(serde_json::from_str::<Release>(&text).unwrap(), release);
-        assert!(text.contains("\"begun\"") && text.contains("\"modbus-tcp\""), "{text}");
+        assert!(text.contains("\"begun\""), "{text}");
         assert!(!text.contains("obstacle") && !text.contains("when"), "{text}");
     }
 }

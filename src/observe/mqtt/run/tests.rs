@@ -8,7 +8,7 @@ use crate::clock::{Passing, TimeOfDay};
 use crate::observe::asker::Asker;
 use crate::observe::events::file::Found;
 use crate::observe::events::{Entry, Level};
-use crate::observe::status::{Answer, BrokerStatus, Command, Status};
+use crate::observe::status::{Answer, BrokerStatus, Command, Status, Wish};
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_plant::{Json, JsonSettings, Subscription};
 
@@ -118,7 +118,7 @@ impl Source for Machine {
         panic!("no device is confirmed over the broker")
     }
 
-    fn release(&self, _: &str, _: &Asker) -> Result<Answer, String> {
+    fn release(&self, _: &str, _: Wish<'_>, _: &Asker) -> Result<Answer, String> {
         panic!("no register is released over the broker")
     }
 
