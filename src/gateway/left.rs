@@ -107,7 +107,7 @@ impl Left {
         }
         let can = |release: &Release| releases.obstacle(&release.place).is_none();
         let asked: Vec<Release> = asked.into_iter().filter(can).collect();
-        releases.returning = extend(profile, &asked, &places.kept);
+        releases.returning = extend(profile, &asked);
         let entries = &mut found.get_or_insert_default().outputs;
         for one in &releases.returning {
             let output = profile.output(one.output);
@@ -233,7 +233,7 @@ pub fn moved_since(directory: &Path, profile: &Profile) -> Vec<String> {
 pub fn with_releases(directory: &Path, mut profile: Profile) -> Profile {
     if let Some((places, _)) = places_in(directory, &profile) {
         let asked = places.releases.iter().filter(|release| release.stage == Stage::Asked);
-        extend(&mut profile, &asked.cloned().collect::<Vec<_>>(), &places.kept);
+        extend(&mut profile, &asked.cloned().collect::<Vec<_>>());
     }
     profile
 }

@@ -45,6 +45,8 @@ pub(super) struct Releases {
     pub(super) returning: Vec<Returning>,
     /// Registers whose release was given up while a value of ours could still arrive.
     pub(super) given_up: Vec<Returning>,
+    /// The operator's parts that shared registers had when their release was given up, in the unit of the register.
+    pub(super) parts: Vec<(OutputPlace, f64)>,
 }
 
 /// Register on its way back.
@@ -55,8 +57,6 @@ pub(super) struct Returning {
     pub(super) release: Release,
     /// Half a count of the register, µm.
     pub(super) grain_um: f64,
-    /// The operator's part of a shared register as it was saved, in counts of the profile. `None` if all of it is ours.
-    pub(super) base: Option<f64>,
     /// Axis of the output with the same name. It waits: both may be one register of the control under two names.
     waits: Option<AxisId>,
 }
@@ -137,17 +137,19 @@ impl Returning {
             let cause = format!("{place} holds {found}, and {from_um:.1} µm of ours were expected in it");
             return Err(Explained::new(cause, compare));
         }
-        let Some(was) = self.base else { return Ok(()) };
-        match shares {
-            Some((is, _)) if (is - was).abs() <= self.grain_um => Ok(()),
-            Some((is, _)) => Err(Explained::new(
+        match (self.release.operator, shares) {
+            (None, _) if place.share == Owner::Whole => Ok(()),
+            (Some(was), Some((is, _))) if (is - was).abs() <= self.grain_um => Ok(()),
+            (Some(was), Some((is, _))) => Err(Explained::new(
                 format!(
                     "{place} holds {is:.1} beside the {from_um:.1} µm of ours, and the operator's part was {was:.1}: perhaps ours \
                      were taken out by hand"
                 ),
                 compare,
             )),
-            None => Err(Explained::new(format!("which part of {place} is the operator's is in doubt"), compare)),
+            (None, _) | (_, None) => {
+                Err(Explained::new(format!("which part of {place} is the operator's is in doubt"), compare))
+            }
         }
     }
 }
@@ -307,20 +309,17 @@ fn register(place: &OutputPlace) -> Option<(Register, Encoding)> {
     Some((register, encoding))
 }
 
-/// Adds an axis and an output for each release. `kept`: what the ledger has of former places. Returns those that the profile still
-/// allows.
-pub(super) fn extend(profile: &mut Profile, releases: &[Release], kept: &[Entry]) -> Vec<Returning> {
+/// Adds an axis and an output for each release. Returns those that the profile still allows.
+pub(super) fn extend(profile: &mut Profile, releases: &[Release]) -> Vec<Returning> {
     let mut returning = Vec::new();
     for release in releases {
         let way = way(profile, &release.place, &release.bounds).ok();
-        let entry = kept.iter().find(|entry| entry.lies_at(&release.place)).map(|entry| &entry.kept);
-        let base = operators_part(&release.place, &release.bounds, entry);
-        returning.extend(way.and_then(|way| add(profile, (release, base), way)));
+        returning.extend(way.and_then(|way| add(profile, release, way)));
     }
     returning
 }
 
-fn add(profile: &mut Profile, (release, base): (&Release, Option<f64>), way: Way) -> Option<Returning> {
+fn add(profile: &mut Profile, release: &Release, way: Way) -> Option<Returning> {
     let Release { output, place, bounds, .. } = release;
     let Way { device, register, encoding, when } = way;
     let is_whole = encoding.data_type.integer_range().is_some();
@@ -377,7 +376,7 @@ fn add(profile: &mut Profile, (release, base): (&Release, Option<f64>), way: Way
         stated: None,
     });
     let grain_um = count.map_or(bounds.step_um * GRAIN_OF_A_STEP, |count| count.get() * 0.501);
-    Some(Returning { axis, output: id, release: release.clone(), grain_um, base, waits })
+    Some(Returning { axis, output: id, release: release.clone(), grain_um, waits })
 }
 
 /// This name, or with a number one that nothing else has.

@@ -19,7 +19,7 @@ use crate::observe::asker::{Asker, Way};
 use crate::observe::events::Event;
 use crate::observe::status::{LeftState, LeftStatus};
 use isotherm_core::explained::Explained;
-use isotherm_core::place::{Bounds, Former, Release, Stage};
+use isotherm_core::place::{Former, Release, Stage};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::regular::quoted;
 
@@ -128,6 +128,8 @@ fn given_up(core: &mut Core, one: &Returning, found: Option<Micron>) {
     core.events.push(event);
     Arc::make_mut(&mut core.places.places).former.push(former);
     core.releases.given_up.push(one.clone());
+    let parts = core.outputs[one.output.0].shares.map(|(part, _)| (one.release.place.clone(), part));
+    core.releases.parts.extend(parts);
 }
 
 /// Takes note of the last write of a release that was given up, once nothing of ours can arrive any more.
@@ -192,7 +194,7 @@ pub(super) fn ask(core: &mut Core, (output, seen): (&str, &[f64]), by: String) -
     let can = |former: &Former| former.output == output && core.releases.obstacle(&former.place).is_none();
     let places = &core.places.places;
     let chosen = places.former.iter().filter(|former| former.is_left_behind(&places.outputs) && can(former));
-    let released: Vec<Release> = chosen.filter_map(|former| release(former, by.clone())).collect();
+    let released: Vec<Release> = chosen.filter_map(|former| release(core, former, by.clone())).collect();
     if released.is_empty() {
         let obstacle = of_output.iter().find_map(|left| left.obstacle.clone()).unwrap_or_default();
         return Err(obstacle.within(|cause| format!("output {output} cannot be released: {cause}")));
@@ -224,10 +226,19 @@ pub(super) fn take_back(core: &mut Core, output: &str) -> String {
     format!("output {output}: nothing is released")
 }
 
-fn release(former: &Former, by: String) -> Option<Release> {
+fn release(core: &Core, former: &Former, by: String) -> Option<Release> {
+    let (from_um, operator) = (former.found_um.or(former.held_um)?, operators(core, former));
     let Former { output, place, bounds, .. } = former.clone();
-    let from_um = former.found_um.or(former.held_um)?;
-    Some(Release { output, place, bounds: bounds?, from_um, held_um: from_um, stage: Stage::Asked, by })
+    let (bounds, held_um, stage) = (bounds?, from_um, Stage::Asked);
+    Some(Release { output, place, bounds, from_um, operator, held_um, stage, by })
+}
+
+/// The operator's part of a former register as it is known last, in the unit of the register. `None` if all of it is ours.
+fn operators(core: &Core, Former { place, bounds, .. }: &Former) -> Option<f64> {
+    let mut parts = core.releases.parts.iter().rev();
+    let found = parts.find(|(known, _)| known == place).map(|(_, part)| *part);
+    let saved = || operators_part(place, bounds.as_ref()?, core.places.places.kept_of(place).as_ref());
+    found.or_else(saved)
 }
 
 /// Registers that are no output's any more and keep a value of ours.
@@ -240,15 +251,13 @@ pub(super) fn left(core: &Core) -> Vec<LeftStatus> {
     let left = former.filter(|former| !is_returning(former)).map(|former| {
         let is_asked = places.releases.iter().any(|release| release.is_of(&former.output, &former.place));
         let from_um = former.found_um.or(former.held_um).unwrap_or_default();
-        let kept = places.kept_of(&former.place);
-        let operators = |bounds: &Bounds| operators_part(&former.place, bounds, kept.as_ref());
         LeftStatus {
             output: former.output.clone(),
             register: former.place.to_string(),
             state: if is_asked { LeftState::Asked } else { LeftState::Left },
             held_um: former.held_um.unwrap_or_default(),
             found_um: former.found_um,
-            operator: former.bounds.as_ref().and_then(operators),
+            operator: operators(core, former),
             limit_um: former.bounds.as_ref().map(|bounds| bounds.limit_um),
             step_um: former.bounds.as_ref().map(|bounds| bounds.step_um),
             rate_um_per_s: former.bounds.as_ref().map(|bounds| bounds.rate_um_per_s),
@@ -256,13 +265,13 @@ pub(super) fn left(core: &Core) -> Vec<LeftStatus> {
             obstacle: core.releases.obstacle(&former.place),
         }
     });
-    let returning = core.releases.returning.iter().map(|Returning { release, base, .. }| LeftStatus {
+    let returning = core.releases.returning.iter().map(|Returning { release, .. }| LeftStatus {
         output: release.output.clone(),
         register: release.place.to_string(),
         state: LeftState::Returning,
         held_um: release.held_um,
         found_um: None,
-        operator: *base,
+        operator: release.operator,
         limit_um: Some(release.bounds.limit_um),
         step_um: Some(release.bounds.step_um),
         rate_um_per_s: Some(release.bounds.rate_um_per_s),

@@ -331,6 +331,7 @@ fn a_release_ends_when_an_output_has_its_register_again() {
         place: former.place.clone(),
         bounds: bounds_of(&before, &before.outputs[place]),
         from_um: 20.0,
+        operator: None,
         held_um: 12.0,
         stage: isotherm_core::place::Stage::Begun,
         by: "by a test".to_owned(),

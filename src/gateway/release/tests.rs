@@ -32,7 +32,16 @@ fn former(profile: &Profile) -> Former {
 fn release(profile: &Profile) -> Release {
     let Former { output, place, bounds, .. } = former(profile);
     let (bounds, by) = (bounds.unwrap(), "by a test".to_owned());
-    Release { output, place, bounds, from_um: 20.0, held_um: 20.0, stage: Stage::Asked, by }
+    Release {
+        output,
+        place,
+        bounds,
+        from_um: 20.0,
+        operator: None,
+        held_um: 20.0,
+        stage: Stage::Asked,
+        by,
+    }
 }
 
 /// The bench with another register for its output.
@@ -45,7 +54,7 @@ fn a_profile_gets_an_axis_and_an_output_at_the_former_place_with_the_former_boun
     let bench = profile(BENCH);
     let mut extended = moved();
     let before = extended.clone();
-    let returning = extend(&mut extended, &[release(&bench)], &[]);
+    let returning = extend(&mut extended, &[release(&bench)]);
     assert_eq!(returning.len(), 1);
     let (axis, output) = (extended.axis(returning[0].axis), extended.output(returning[0].output));
     assert_eq!((axis.settings.name.as_str(), output.name.as_str()), ("release_cnc_z", "cnc_z_released"));
@@ -75,7 +84,7 @@ fn a_register_whose_device_the_profile_does_not_have_is_not_released() {
         let why = why_not(&changed, &former(&bench), &[]).unwrap_err();
         let words = ["does not have its device any more, unit 1 at 127.0.0.1:1505", "restart --keep"];
         assert!(words.iter().all(|word| why.to_string().contains(word)), "{why}");
-        assert_eq!(extend(&mut changed, &[release(&bench)], &[]), []);
+        assert_eq!(extend(&mut changed, &[release(&bench)]), []);
         assert_eq!((changed.axes.len(), changed.outputs.len()), (before.axes.len(), before.outputs.len()));
     }
 }
@@ -104,10 +113,11 @@ fn a_shared_register_is_moved_only_if_the_operators_part_is_the_saved_one() {
     let (bench, mut changed) = (profile(&text), profile(&text.replace("holding:104", "holding:106")));
     let account = Account { base: Counts(300), share: Counts(200), doubt: None };
     let kept = output::Kept { account: Some(account), ..Default::default() };
-    let entry = Entry::new(of_output(&bench, cnc(&bench)), kept);
-    let returning = extend(&mut changed, &[release(&bench)], &[entry]);
+    let asked = release(&bench);
+    let operator = operators_part(&asked.place, &asked.bounds, Some(&kept));
+    assert_eq!(operator, Some(30.0));
+    let returning = extend(&mut changed, &[Release { operator, ..asked }]);
     let one = &returning[0];
-    assert_eq!(one.base, Some(30.0));
     let releases = Releases { returning: returning.clone(), ..Releases::default() };
     let cz = Micron::new(20.0).unwrap();
     let admit = |shares| releases.admit(one.output, cz, shares);
@@ -132,7 +142,7 @@ fn two_releases_have_names_of_their_own_and_one_register_is_released_once() {
         ..release(&bench)
     };
     let all = [release(&bench), other, release(&bench)];
-    let returning = extend(&mut extended, &all, &[]);
+    let returning = extend(&mut extended, &all);
     let names: Vec<(&str, &str)> = returning
         .iter()
         .map(|one| {
@@ -295,7 +305,7 @@ fn only_the_axis_of_a_release_is_refused_a_value_that_no_person_has_seen() {
     let mut releases = Releases::of(&extended, &[former(&bench)], &[]);
     assert_eq!(releases.obstacle(&former(&bench).place), None);
     assert!(releases.obstacle(&cnc_place(&extended)).is_some(), "nothing is known of it");
-    releases.returning = extend(&mut extended, &[release(&bench)], &[]);
+    releases.returning = extend(&mut extended, &[release(&bench)]);
     let axis = releases.returning[0].axis;
     let from = |um: f64| Attempt::From(Micron::new(um).unwrap(), None);
     let judge = |axis, attempt| releases.judge(axis, attempt, |_| None);

@@ -97,6 +97,9 @@ pub struct Release {
     pub bounds: Bounds,
     /// Cz that the person has seen, µm.
     pub from_um: f64,
+    /// The operator's part of a shared register that the person has seen, in the unit of the register.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub operator: Option<f64>,
     /// Cz as last verified, µm.
     pub held_um: f64,
     /// Progress.
@@ -161,7 +164,7 @@ mod tests {
             obstacle: None,
         };
         let (output, by) = ("cnc_z".to_owned(), "by a test".to_owned());
-        Release { output, place, bounds, from_um, held_um: from_um, stage, by }
+        Release { output, place, bounds, from_um, operator: None, held_um: from_um, stage, by }
     }
 
     #[test]
