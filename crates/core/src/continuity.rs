@@ -54,9 +54,9 @@ pub enum Break {
     Refused,
     /// A connection was reset, or closed without an answer.
     ConnectionLost,
-    /// A connection was made that does not resume the one before.
+    /// A connection was made that does not resume the one before: a server has forgotten it, or a serial port is another one.
     NewConnection,
-    /// The interface of the bus, or its serial adapter, went down.
+    /// The interface of the bus went down, or a connection to a serial server was given up after two misses.
     InterfaceDown,
     /// The device was restarted.
     Restarted,

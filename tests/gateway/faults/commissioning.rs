@@ -4,6 +4,7 @@ use std::cell::RefCell;
 use std::time::Duration;
 
 use isotherm::observe::status::Answer;
+use isotherm_profile::Transport;
 
 use crate::faults::law;
 use crate::faults::rig::{Stage, Trace, World, block_on, profile, run, somebody, speaks_rtu};
@@ -427,12 +428,12 @@ fn lost_answers_and_short_connections_cost_at_most_two_exchanges_more_in_a_hundr
             let states = trace.states_between(30, 590);
             assert!(states.iter().all(|state| matches!(*state, "active" | "holding")), "{}", trace.lines());
             assert!(trace.states_between(550, 590).contains(&"active"), "{}", trace.lines());
-            (trace.wire.len(), speaks_rtu(&trace.profile))
+            (trace.wire.len(), trace.profile.buses[0].transport)
         };
-        let ((without, _), (with, is_rtu)) = (exchanges(false), exchanges(true));
+        let ((without, _), (with, transport)) = (exchanges(false), exchanges(true));
         println!("{quirks}: {without} exchanges without checks, {with} with");
-        // On RTU two lost answers in a row open the port again, behind which another adapter may be.
-        let most = if is_rtu { 104 } else { 102 };
+        // Two lost answers in a row end a connection to a serial server, and another one may be there. A port recognises it.
+        let most = if transport == Transport::RtuOverTcp { 104 } else { 102 };
         assert!(with * 100 <= without * most, "{with} of {without}");
     }
 }
