@@ -36,12 +36,6 @@ pub trait Dial: Send {
         true
     }
 
-    /// Whether [`Dial::resumes`] also recognises another device after misses. If not, a line that is opened again after misses may have
-    /// another one. Asked if answers do not name their questions.
-    fn recognises(&self) -> bool {
-        false
-    }
-
     /// Namespaces of the server that is dialled. `None` if its protocol has none.
     fn namespaces(&self) -> Option<NamespaceTable> {
         None
@@ -121,10 +115,6 @@ impl Dial for ModbusDial {
             Over::Serial(_, history) => history.resumes(),
             Over::Tcp | Over::Tls(_) | Over::RtuOverTcp => true,
         }
-    }
-
-    fn recognises(&self) -> bool {
-        matches!(self.over, Over::Serial(..))
     }
 
     fn takes(&self) -> Duration {
