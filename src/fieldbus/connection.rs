@@ -12,7 +12,7 @@ use super::namespaces::NamespaceTable;
 #[cfg(not(feature = "opcua"))]
 use super::opcua_fault::OpcUaFault;
 use super::rtu::Rtu;
-use super::serial::SerialPort;
+use super::serial::{PortHistory, SerialPort};
 use super::tcp::connected;
 use super::tls::{self, Client};
 use super::trace::Tap;
@@ -60,7 +60,7 @@ enum Over {
     /// `None`: its files are of no use, as [`tls::check`] says.
     Tls(Option<Client>),
     RtuOverTcp,
-    Serial(Serial),
+    Serial(Serial, PortHistory),
 }
 
 impl ModbusDial {
@@ -71,16 +71,18 @@ impl ModbusDial {
             (Transport::Tcp, None) => Over::Tcp,
             (Transport::Tcp, Some(tls)) => Over::Tls(Client::new(tls).ok()),
             (Transport::RtuOverTcp, _) => Over::RtuOverTcp,
-            (Transport::Serial(serial), _) => Over::Serial(*serial),
+            (Transport::Serial(serial), _) => Over::Serial(*serial, PortHistory::default()),
             (Transport::Can | Transport::OpcUa | Transport::Sysfs, _) => return None,
         };
         Some(ModbusDial { address: bus.address.clone(), timeout: bus.timeout, over })
     }
 
-    async fn open(&self, tap: &Tap) -> Result<Connection, Fault> {
-        if let Over::Serial(serial) = self.over {
-            let port = SerialPort::open(&self.address, serial).map_err(Fault::Link)?;
-            return Ok(Connection::Other(Box::new(Rtu::new(port, Some(serial), tap))));
+    async fn open(&mut self, tap: &Tap) -> Result<Connection, Fault> {
+        if let Over::Serial(serial, history) = &mut self.over {
+            let opened = SerialPort::open(&self.address, *serial);
+            *history = history.and(opened.as_ref().ok().map(SerialPort::identity));
+            let port = opened.map_err(Fault::Link)?;
+            return Ok(Connection::Other(Box::new(Rtu::new(port, Some(*serial), tap))));
         }
         if matches!(self.over, Over::Tls(None)) {
             return Err(Fault::Link(LinkFault::Tls(TlsFault::OurFiles)));
@@ -105,6 +107,14 @@ impl Dial for ModbusDial {
             Over::Tls(_) => LinkFault::Tls(TlsFault::TurnedAway),
             _ => LinkFault::TurnedAway,
         })
+    }
+
+    /// A serial port resumes unless another one has taken its name. The line reports a port that hangs up or cannot be opened.
+    fn resumes(&self) -> bool {
+        match self.over {
+            Over::Serial(_, history) => history.resumes(),
+            Over::Tcp | Over::Tls(_) | Over::RtuOverTcp => true,
+        }
     }
 
     fn takes(&self) -> Duration {

@@ -465,11 +465,6 @@ impl DeviceLine {
             Err(fault) if fault.spoils_connection() => {
                 self.misses += 1;
                 let is_lost = matches!(fault, Fault::Link(_) | Fault::Peer(PeerFault::Unasked));
-                let number = self.units.at(place).number;
-                if !has_ids && self.misses >= MISSES {
-                    // The port may belong to another adapter when it is opened again.
-                    self.unit_breaks(number, Break::InterfaceDown);
-                }
                 if has_ids || is_lost || self.misses >= MISSES {
                     self.wire = None;
                     self.misses = 0;

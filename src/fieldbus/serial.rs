@@ -1,10 +1,11 @@
 //! Serial ports of this computer, straight from the system: no library between them and us, and none to install.
 //!
 //! A port is opened by its path each time, so that an adapter which was unplugged and comes back under the same name
-//! below /dev/serial/by-id is found again. It is ours alone while it is open.
+//! below /dev/serial/by-id is found again. It is ours alone while it is open. Its [`PortIdentity`] distinguishes it from another port
+//! under that name.
 
+use std::fs::File;
 use std::io;
-use std::os::fd::OwnedFd;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
@@ -18,11 +19,17 @@ use super::error::LinkFault;
 use super::port::Port;
 use isotherm_profile::{Parity, Serial};
 
+mod identity;
+
+pub(crate) use identity::PortHistory;
+pub use identity::{PortIdentity, device_number};
+
 /// An open serial port, eight data bits, nothing interpreted.
 #[derive(Debug)]
 pub struct SerialPort {
     reader: Receiver,
     writer: Sender,
+    identity: PortIdentity,
 }
 
 impl SerialPort {
@@ -32,19 +39,26 @@ impl SerialPort {
     /// Why it cannot be had.
     pub fn open(path: &str, settings: Serial) -> Result<SerialPort, LinkFault> {
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
-        let descriptor = rustix::fs::open(path, flags, Mode::empty()).map_err(why_not)?;
+        let port = File::from(rustix::fs::open(path, flags, Mode::empty()).map_err(why_not)?);
         // The first keeps out every program, but not root's; the second whoever asks, as we do.
-        rustix::termios::ioctl_tiocexcl(&descriptor).map_err(why_not)?;
-        rustix::fs::flock(&descriptor, FlockOperation::NonBlockingLockExclusive).map_err(why_not)?;
-        set_up(&descriptor, settings).map_err(why_not)?;
-        rustix::termios::tcflush(&descriptor, QueueSelector::IOFlush).map_err(why_not)?;
+        rustix::termios::ioctl_tiocexcl(&port).map_err(why_not)?;
+        rustix::fs::flock(&port, FlockOperation::NonBlockingLockExclusive).map_err(why_not)?;
+        set_up(&port, settings).map_err(why_not)?;
+        rustix::termios::tcflush(&port, QueueSelector::IOFlush).map_err(why_not)?;
         let runtime = |_: io::Error| LinkFault::Unsuited;
         // To the runtime a port is like a pipe with two ends.
-        let other = descriptor.try_clone().map_err(runtime)?;
+        let other = port.try_clone().map_err(runtime)?;
+        let identity = PortIdentity::of(&port).ok_or(LinkFault::Unsuited)?;
         Ok(SerialPort {
-            reader: Receiver::from_owned_fd_unchecked(descriptor).map_err(runtime)?,
-            writer: Sender::from_owned_fd_unchecked(other).map_err(runtime)?,
+            reader: Receiver::from_file_unchecked(port).map_err(runtime)?,
+            writer: Sender::from_file_unchecked(other).map_err(runtime)?,
+            identity,
         })
+    }
+
+    /// Identity of the port, by which another one under the same name is recognised.
+    pub fn identity(&self) -> PortIdentity {
+        self.identity
     }
 }
 
@@ -65,8 +79,8 @@ fn why_not(error: Errno) -> LinkFault {
     }
 }
 
-fn set_up(descriptor: &OwnedFd, settings: Serial) -> rustix::io::Result<()> {
-    let mut termios = rustix::termios::tcgetattr(descriptor)?;
+fn set_up(port: &File, settings: Serial) -> rustix::io::Result<()> {
+    let mut termios = rustix::termios::tcgetattr(port)?;
     termios.make_raw();
     // Hanging up on close drops a line that resets some converters and boards.
     termios.control_modes -= ControlModes::CSIZE
@@ -91,9 +105,9 @@ fn set_up(descriptor: &OwnedFd, settings: Serial) -> rustix::io::Result<()> {
     termios.special_codes[SpecialCodeIndex::VMIN] = 1;
     termios.special_codes[SpecialCodeIndex::VTIME] = 0;
     termios.set_speed(settings.baud)?;
-    rustix::termios::tcsetattr(descriptor, OptionalActions::Now, &termios)?;
+    rustix::termios::tcsetattr(port, OptionalActions::Now, &termios)?;
     // The call succeeds where only part of it could be done. (A driver may round the speed a little.)
-    let now = rustix::termios::tcgetattr(descriptor)?;
+    let now = rustix::termios::tcgetattr(port)?;
     let is_near = now.output_speed().abs_diff(settings.baud) <= settings.baud / 50;
     if is_near { Ok(()) } else { Err(Errno::INVAL) }
 }

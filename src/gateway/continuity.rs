@@ -168,6 +168,11 @@ impl Devices {
         self.devices[device.0].delivers(now);
     }
 
+    /// Notes that a device is about to be asked. See [`DeviceContinuity::notice_silence`].
+    pub(super) fn notice_silence(&mut self, device: DeviceId, now: Moment) {
+        self.devices[device.0].notice_silence(now);
+    }
+
     /// Notes a request that a device did not answer.
     pub(super) fn misses(&mut self, device: DeviceId, now: Moment) {
         self.devices[device.0].misses(now);

@@ -12,12 +12,13 @@ use isotherm::fieldbus::namespaces::NamespaceTable;
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::Source;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{Profile, parse};
+use isotherm_profile::{Profile, Transport, parse};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use tokio::sync::Notify;
 
 use crate::disk::MemoryDisk;
+use crate::framing::Framing;
 use crate::laws::Laws;
 use crate::link::{Counts, Note, World};
 use crate::machine::{CNC, LINES, Machine, X, Y};
@@ -138,6 +139,10 @@ impl<'a> Day<'a> {
         let random_of_lines = Pcg32::seed_from_u64(seed ^ 0x5eed);
         let mut world = World::new(machine, random_of_lines, passage.clone(), disk.is_dead.clone());
         world.servers.are_there = scene.profile.buses.iter().any(|bus| bus.opcua.is_some());
+        for bus in scene.profile.buses.iter().filter(|bus| bus.transport == Transport::RtuOverTcp) {
+            let line = LINES.iter().position(|name| *name == bus.name);
+            line.into_iter().for_each(|line| world.lines[line].framing = Framing::Rtu);
+        }
         let next = script::next(&mut random, scene.beyond, Duration::ZERO);
         Day {
             scene,
@@ -170,7 +175,7 @@ impl<'a> Day<'a> {
         let breach = laws.broken.clone().map(|why| story(&world, &why));
         Outcome {
             ran: world.passage.now(),
-            counts: world.counts,
+            counts: Counts { noticed: laws.signs.noticed, ..world.counts },
             changes: laws.changes,
             taken: laws.taken_count,
             went_back: laws.panel.went_back,

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use crate::machine::{CNC, CORRECTED, PLC, Question, READOUT, SENSORS, W, X, Y, Z, value};
 use crate::panel::{Panel, REGISTERS};
+use crate::second_master::Signs;
 
 /// A reading is used for so long after its question; a position.
 const MAX_AGE: Duration = Duration::from_secs(3);
@@ -54,6 +55,8 @@ pub(crate) struct Laws {
     /// The same for values in other settings that no check could have shown yet.
     misread_at: [Option<Duration>; 2],
     pub(crate) panel: Panel,
+    /// Signs of another master on the line of the module.
+    pub(crate) signs: Signs,
     /// Positions that the gateway was shown, the newest last, µm.
     positions: Vec<(Duration, i64)>,
     /// What was last added to a position, in tenths of a micrometre.
@@ -102,6 +105,7 @@ impl Laws {
             read_at: [None; 2],
             misread_at: [None; 2],
             panel: Panel::default(),
+            signs: Signs::default(),
             positions: Vec::new(),
             corrected: None,
             news_at: Duration::ZERO,
@@ -133,6 +137,11 @@ impl Laws {
         }
     }
 
+    /// Returns whether both sensors were read, and nothing else was taken for their values.
+    pub(crate) fn has_readings(&self, now: Duration) -> bool {
+        self.read_at.iter().all(|asked| is_recent(*asked, now)) && self.signs.has_no_mistake(now)
+    }
+
     /// The gateway was given the type code of the module, which that had at this time.
     pub(crate) fn checks(&mut self, is_expected: bool, seen_at: Duration, now: Duration) {
         let ours = self.ours();
@@ -154,6 +163,7 @@ impl Laws {
     pub(crate) fn connects(&mut self, line: usize) {
         if line == SENSORS {
             self.panel.breaks();
+            self.signs.connects();
         }
     }
 
@@ -211,11 +221,15 @@ impl Laws {
     pub(crate) fn begins(&mut self) {
         self.corrected = None;
         self.panel.begins();
+        self.signs.begins();
         self.registers.iter_mut().for_each(|register| register.is_news = true);
     }
 
     /// A write leaves the gateway, while the temperatures require this of the axes, µm.
     pub(crate) fn leaves(&mut self, line: usize, asked: Question, wanted: [f64; 5], now: Duration) -> Rests {
+        if line == SENSORS {
+            self.signs.asks(asked, now);
+        }
         let Question::Write { function, at, count, words } = asked else { return Rests::default() };
         let mut rests = Rests::default();
         if function == 5 {
@@ -223,6 +237,8 @@ impl Laws {
         }
         let mut broken = None;
         let rested_on = (self.read_at, self.misread_at);
+        // The gateway cannot know yet that there is another master.
+        let is_mistaken = is_recent(self.signs.mistaken_at(), now);
         for (index, register) in self.registers.iter_mut().enumerate() {
             let place = register.at.checked_sub(at).filter(|place| register.line == line && *place < count);
             let Some(sent) = place.map(|place| value(words[usize::from(place)])) else { continue };
@@ -235,7 +251,7 @@ impl Laws {
             if is_change {
                 self.changes += 1;
                 let why = register.forbids(sent, rested_on, (&self.panel, index), wanted[index], now);
-                broken = why.or(broken);
+                broken = why.filter(|_| !is_mistaken).or(broken);
             }
             register.sent.push((now, sent));
         }
@@ -396,4 +412,9 @@ impl Register {
         let lately = self.sent.iter().filter(|(at, _)| now.saturating_sub(*at) < REMEMBERED);
         lately.map(|(_, sent)| *sent).any(|sent| sent == value)
     }
+}
+
+/// Returns whether what was asked for at this time may still be used.
+fn is_recent(asked: Option<Duration>, now: Duration) -> bool {
+    asked.is_some_and(|asked| now.saturating_sub(asked) <= MAX_AGE + LOOK)
 }

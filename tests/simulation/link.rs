@@ -8,12 +8,14 @@ use std::time::Duration;
 use rand::RngExt;
 use rand_pcg::Pcg32;
 
+use crate::framing::Framing;
 use crate::laws::Rests;
 use crate::machine::{
-    CNC, EXPECTED, LINES, Machine, OPEN, PLC, Question, SCALE, SENSORS, TYPE_CODE, channel, value,
+    Brief, CNC, EXPECTED, LINES, Machine, OPEN, PLC, Question, SCALE, SENSORS, TYPE_CODE, channel, value,
 };
 use crate::nodes::Servers;
 use crate::script::left_of_storm;
+use crate::second_master::{self, Content, OtherExchange, OtherMaster};
 use crate::serial_side::{Delay, PATIENCE, SerialSide};
 use crate::time::Passage;
 
@@ -21,7 +23,6 @@ use crate::time::Passage;
 pub(crate) const LATE: Duration = Duration::from_millis(29_500);
 const SECOND: Duration = Duration::from_secs(1);
 const MILLI: Duration = Duration::from_millis(1);
-const HEADER: usize = 7;
 
 /// What becomes of one question.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -96,6 +97,7 @@ struct Coming {
     bytes: Vec<u8>,
     asked_at: Duration,
     asked: Question,
+    content: Content,
     /// The question to which the device gave it, and when the device saw that.
     answers: Question,
     seen_at: Duration,
@@ -109,6 +111,7 @@ pub(crate) struct Line {
     /// What becomes of the next write, or of the next question to what measures.
     pub(crate) next: Option<Fate>,
     timeout: Duration,
+    pub(crate) framing: Framing,
     flights: Vec<Flight>,
     connection: u64,
     is_open: bool,
@@ -129,14 +132,6 @@ pub(crate) enum Note {
     Did(&'static str, i64),
 }
 
-/// A question, as far as it is noted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) struct Brief {
-    function: u8,
-    at: u16,
-    words: [u16; 5],
-}
-
 /// How often each thing happened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Counts {
@@ -149,6 +144,9 @@ pub(crate) struct Counts {
     pub(crate) settings: u64,
     /// Answers of that module which a gateway did not wait for.
     pub(crate) late_answers: u64,
+    /// Answers of another master to questions of the gateway, and how often a gateway must have noticed it.
+    pub(crate) foreign_answers: u64,
+    pub(crate) noticed: u64,
 }
 
 /// Everything outside of the gateway.
@@ -157,6 +155,7 @@ pub(crate) struct World {
     pub(crate) lines: [Line; LINES.len()],
     /// What the module with the thermocouples is behind.
     serial: SerialSide,
+    pub(crate) other: OtherMaster,
     pub(crate) random: Pcg32,
     pub(crate) passage: Passage,
     pub(crate) counts: Counts,
@@ -185,6 +184,7 @@ impl World {
             until: Duration::ZERO,
             next: None,
             timeout,
+            framing: Framing::Tcp,
             flights: Vec::new(),
             connection: 0,
             is_open: false,
@@ -196,6 +196,7 @@ impl World {
             machine,
             lines: [200, 200, 200, 80, 80].map(|timeout| line(timeout * MILLI)),
             serial: SerialSide::default(),
+            other: OtherMaster::default(),
             random,
             passage,
             counts: Counts::default(),
@@ -248,20 +249,20 @@ impl World {
             {
                 let flight = self.lines[place].flights.remove(first);
                 self.counts.arrived_late += u64::from(flight.asked.is_write());
-                self.note(flight.due, Note::Arrived(place, brief(flight.asked)));
+                self.note(flight.due, Note::Arrived(place, flight.asked.brief()));
                 if flight.asked.is_write() {
                     self.machine.laws.rests_on(place, flight.rests);
                 }
                 let answer = self.machine.answer(place, flight.asked, flight.due);
                 let line = &mut self.lines[place];
                 if line.connection == flight.connection && line.is_open {
-                    let bytes =
-                        framed(flight.transaction, &answer.unwrap_or_else(|| denied(flight.asked, 2)));
+                    let answer = answer.unwrap_or_else(|| denied(flight.asked, 2));
                     let coming = Coming {
                         at: flight.due,
-                        bytes,
+                        bytes: line.framing.frame(flight.transaction, &answer),
                         asked_at: flight.asked_at,
                         asked: flight.asked,
+                        content: Content::of(&answer),
                         answers: flight.asked,
                         seen_at: flight.due,
                         is_sound: true,
@@ -269,6 +270,29 @@ impl World {
                     line.coming.push_back(coming);
                 }
             }
+        }
+        while let Some(exchange) = self.other.asks_by(now, &mut self.random) {
+            self.carries(exchange);
+        }
+    }
+
+    /// The line of the module carries an exchange of another master.
+    fn carries(&mut self, exchange: OtherExchange) {
+        let weather = self.weather(SENSORS, exchange.asked);
+        let is_lost = match weather {
+            Weather::Silent | Weather::Jammed | Weather::Unreachable => true,
+            Weather::Lossy(share) => self.random.random_range(0..100u32) < share,
+            _ => self.machine.is_without_module(exchange.asked),
+        };
+        let asked = second_master::QUESTION;
+        let answer = self.machine.answer(SENSORS, asked, exchange.answered);
+        let line = &mut self.lines[SENSORS];
+        let Some(answer) = answer.filter(|_| !is_lost && line.is_open) else { return };
+        let (asked_at, seen_at) = (exchange.asked, exchange.answered);
+        for (content, at, message) in exchange.frames(answer) {
+            let bytes = line.framing.frame([0; 2], &message);
+            let (answers, is_sound) = (asked, true);
+            line.coming.push_back(Coming { at, bytes, asked_at, asked, content, answers, seen_at, is_sound });
         }
     }
 
@@ -289,6 +313,7 @@ impl World {
         self.disk_is_dead.store(false, Ordering::Relaxed);
         self.oldest_alive = self.newest + 1;
         self.lines.iter_mut().for_each(|line| line.is_open = false);
+        self.other.loses_step();
     }
 
     /// The connection on this line ends.
@@ -351,6 +376,8 @@ impl World {
             Weather::Silent => Fate::Lost,
             Weather::Lossy(share) if percent < share && percent % 2 == 0 => Fate::AnswerLost,
             Weather::Lossy(share) if percent < share => Fate::Lost,
+            // An answer that is later than four timeouts cannot be distinguished from the next one on RTU.
+            Weather::Jammed if self.lines[line].framing == Framing::Rtu => Fate::Lost,
             Weather::Jammed => Fate::Held(left),
             Weather::Slow(most) => Fate::Slow(most * percent / 100),
             Weather::Denying(share, code) if percent < share => Fate::DoneAndDenied(code),
@@ -375,15 +402,16 @@ impl World {
         let now = self.passage.now();
         self.pass(now);
         self.lines[line].used_at = now;
-        let asked = frame.get(HEADER..).map_or(Question::Nonsense, Question::of);
-        let transaction = [frame[0], frame[1]];
+        let framing = self.lines[line].framing;
+        let asked = framing.message(frame).map_or(Question::Nonsense, Question::of);
+        let transaction = framing.transaction(frame);
         let is_fair = self.is_fair(line, now);
         self.machine.laws.asks(line, now, is_fair);
         let fate = self.fate(line, asked, now);
         self.counts.exchanges += 1;
         self.counts.writes += u64::from(asked.is_write());
         self.counts.late_answers += u64::from(matches!(fate, Fate::Late(..)));
-        self.note(now, Note::Asked(line, brief(asked), fate));
+        self.note(now, Note::Asked(line, asked.brief(), fate));
         if line == SENSORS && self.machine.is_without_module(now) {
             self.lines[line].is_open = false;
             return;
@@ -429,6 +457,15 @@ impl World {
                 self.did(now, "the answer to another question comes after ms", u64::from(after));
             }
         }
+        if framing == Framing::Rtu {
+            let meeting = self.other.meets(now, &mut self.random);
+            meeting.exchange.into_iter().for_each(|exchange| self.carries(exchange));
+            if meeting.is_destroyed {
+                self.did(now, "another master's exchange destroys a question on line", line as u64);
+                return;
+            }
+            at = meeting.from;
+        }
         match fate {
             Fate::Slow(span) => at += span,
             Fate::DoneAndDenied(code) | Fate::Refused(code) => answer = denied(asked, code),
@@ -436,7 +473,8 @@ impl World {
             Fate::KilledBefore | Fate::KilledAfter => self.kill(),
             _ => {}
         }
-        let mut bytes = framed(transaction, &answer);
+        let content = Content::of(&answer);
+        let mut bytes = framing.frame(transaction, &answer);
         match fate {
             Fate::Lost | Fate::AnswerLost | Fate::KilledBefore | Fate::KilledAfter => return,
             Fate::CutBefore | Fate::CutAfter => {
@@ -451,9 +489,12 @@ impl World {
             _ => {}
         }
         if self.lines[line].connection == connection {
-            let is_sound = !matches!(fate, Fate::Corrupted(_));
-            let coming = Coming { at, bytes, asked_at: now, asked, answers, seen_at, is_sound };
+            let is_sound = !matches!(fate, Fate::Corrupted(_) | Fate::Garbled);
+            let coming = Coming { at, bytes, asked_at: now, asked, content, answers, seen_at, is_sound };
             self.lines[line].coming.push_back(coming);
+            if framing == Framing::Rtu {
+                self.other.waits_for(at);
+            }
         }
     }
 
@@ -472,7 +513,15 @@ impl World {
         match line.coming.front() {
             Some(first) if first.at <= now => {
                 let Some(coming) = line.coming.pop_front() else { return Heard::End };
-                if coming.is_sound && now.saturating_sub(coming.asked_at) <= line.timeout + 2 * MILLI {
+                let is_in_time = now.saturating_sub(coming.asked_at) <= line.timeout + 2 * MILLI;
+                // A late answer may be used for a question that was repeated: it is as old as the first.
+                let is_on_rtu = line.framing == Framing::Rtu;
+                if coming.is_sound && is_on_rtu {
+                    let signs = &mut self.machine.laws.signs;
+                    let is_foreign = signs.receives(coming.content, coming.answers, now);
+                    self.counts.foreign_answers += u64::from(is_foreign);
+                }
+                if coming.is_sound && (is_in_time || is_on_rtu) {
                     self.tell_laws(place, &coming, now);
                 }
                 Heard::Bytes(coming.bytes)
@@ -483,14 +532,15 @@ impl World {
                     .iter()
                     .filter(|flight| flight.connection == connection)
                     .map(|flight| flight.due);
-                Heard::Nothing(first.map(|first| first.at).into_iter().chain(due).min())
+                let other = self.other.next_at().filter(|_| place == SENSORS);
+                Heard::Nothing(first.map(|first| first.at).into_iter().chain(due).chain(other).min())
             }
         }
     }
 
     /// The gateway was answered, in time and in order.
     fn tell_laws(&mut self, line: usize, coming: &Coming, now: Duration) {
-        let message = &coming.bytes[HEADER.min(coming.bytes.len())..];
+        let Some(message) = self.lines[line].framing.message(&coming.bytes) else { return };
         let Question::Read { function, at, .. } = coming.asked else { return };
         // A value that belongs to another question is none of this one's.
         if message.first() != Some(&function) || message.len() < 4 || coming.answers != coming.asked {
@@ -534,16 +584,6 @@ pub(crate) enum Heard {
     Nothing(Option<Duration>),
 }
 
-fn brief(asked: Question) -> Brief {
-    match asked {
-        Question::Read { function, at, count } => Brief { function, at, words: [count, 0, 0, 0, 0] },
-        Question::Write { function, at, words: [a, b, c, d, e, ..], .. } => {
-            Brief { function, at, words: [a, b, c, d, e] }
-        }
-        Question::Nonsense => Brief { function: 0, at: 0, words: [0; 5] },
-    }
-}
-
 /// Returns what the serial side of a gateway does with a question of this fate. `None` if it does not come to that.
 fn on_serial_side(fate: Fate) -> Option<Option<Delay>> {
     match fate {
@@ -555,9 +595,4 @@ fn on_serial_side(fate: Fate) -> Option<Option<Delay>> {
 
 fn denied(asked: Question, code: u8) -> Vec<u8> {
     vec![asked.function() | 0x80, code]
-}
-
-fn framed(transaction: [u8; 2], message: &[u8]) -> Vec<u8> {
-    let length = u16::try_from(message.len() + 1).unwrap_or_default().to_be_bytes();
-    [&transaction[..], &[0, 0], &length, &[1], message].concat()
 }

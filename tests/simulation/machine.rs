@@ -28,6 +28,9 @@ pub(crate) const BEAT: u16 = 50;
 /// Type code of the module with the thermocouples.
 pub(crate) const TYPE_CODE: u16 = 60;
 pub(crate) const EXPECTED: u16 = 7;
+/// First of the two input registers that another master reads, and by how much the places that they measure are warmer, °C.
+pub(crate) const OTHERS: u16 = 300;
+const WARMER: f64 = 13.0;
 /// Another module is put in or taken out within this time.
 const EXCHANGE: Duration = Duration::from_secs(3);
 
@@ -69,6 +72,14 @@ pub(crate) enum Question {
     Nonsense,
 }
 
+/// A question, as far as it is noted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Brief {
+    function: u8,
+    at: u16,
+    words: [u16; 5],
+}
+
 impl Question {
     pub(crate) fn of(message: &[u8]) -> Question {
         let word = |at: usize| message.get(at..at + 2).map(|two| u16::from_be_bytes([two[0], two[1]]));
@@ -89,6 +100,16 @@ impl Question {
                 Question::Write { function, at, count: second.min(8), words }
             }
             _ => Question::Nonsense,
+        }
+    }
+
+    pub(crate) fn brief(self) -> Brief {
+        match self {
+            Question::Read { function, at, count } => Brief { function, at, words: [count, 0, 0, 0, 0] },
+            Question::Write { function, at, words: [a, b, c, d, e, ..], .. } => {
+                Brief { function, at, words: [a, b, c, d, e] }
+            }
+            Question::Nonsense => Brief { function: 0, at: 0, words: [0; 5] },
         }
     }
 
@@ -157,7 +178,7 @@ impl Machine {
                 Some(registers(3, words))
             }
             Question::Read { function: 4, at, count } if line == SENSORS => {
-                let raw = |at| Some(self.raw(channel(at)?, now));
+                let raw = |at| sensor(at).map(|sensor| self.raw(sensor, now));
                 let words: Option<Vec<u16>> = (at..at.saturating_add(count)).map(raw).collect();
                 Some(registers(4, &words?))
             }
@@ -214,7 +235,7 @@ impl Machine {
         EXPECTED + u16::from(self.has_other_module(now)) + 2 * u16::from(self.has_other_settings(now))
     }
 
-    fn raw(&self, channel: usize, now: Duration) -> u16 {
+    fn raw(&self, (channel, warmer): (usize, f64), now: Duration) -> u16 {
         if now < self.open_until[channel] {
             return word(OPEN);
         }
@@ -225,7 +246,7 @@ impl Machine {
             _ => 100.0,
         };
         #[allow(clippy::cast_possible_truncation, reason = "hundredths of a degree")]
-        let raw = (counts * self.temperature(channel, now)).round() as i64;
+        let raw = (counts * (self.temperature(channel, now) + warmer)).round() as i64;
         word(raw)
     }
 
@@ -272,6 +293,12 @@ pub(crate) fn channel(at: u16) -> Option<usize> {
         1 | 100 => Some(1),
         _ => None,
     }
+}
+
+/// Channel of an input register, also of one that another master reads, and by how much its place is warmer, °C.
+fn sensor(at: u16) -> Option<(usize, f64)> {
+    let of_other = || at.checked_sub(OTHERS).map(usize::from).filter(|channel| *channel < 2);
+    channel(at).map(|channel| (channel, 0.0)).or_else(|| of_other().map(|channel| (channel, WARMER)))
 }
 
 fn registers(function: u8, words: &[u16]) -> Vec<u8> {

@@ -7,6 +7,7 @@
 
 mod day;
 mod disk;
+mod framing;
 mod laws;
 mod link;
 mod machine;
@@ -16,6 +17,7 @@ mod panel;
 mod people;
 mod scene;
 mod script;
+mod second_master;
 mod serial_side;
 mod stream;
 mod time;
@@ -153,5 +155,21 @@ fn answers_that_a_gateway_shifts_move_nothing() {
 #[test]
 fn without_the_wait_for_late_answers_the_simulation_finds_exchanged_values() {
     let many = Many::run(&Scene::gateway(false), &[1, 3], HOUR, 2, Without::Nothing);
+    assert!(many.broken.iter().any(|(_, story)| story.contains("R11")), "{many}");
+}
+
+#[test]
+fn a_second_master_moves_nothing_once_it_was_noticed() {
+    let seeds = seeds_beyond();
+    let many = Many::run(&Scene::second_master(true), &seeds, HOUR, 2, Without::Nothing);
+    assert_eq!(many.broken, [], "TEST_FRESH_SEEDS_FROM={}: {many}", seeds[0]);
+    let count = seeds.len() as u64;
+    assert!(many.counts.foreign_answers > 5 * count && many.counts.noticed > count / 2, "{many}");
+}
+
+/// Two answers of the other master in a row agree with each other. Only the last good reading speaks against them.
+#[test]
+fn without_a_limit_of_their_rate_the_simulation_finds_readings_of_another_master() {
+    let many = Many::run(&Scene::second_master(false), &[1, 2, 3, 4, 5, 6], HOUR, 2, Without::Nothing);
     assert!(many.broken.iter().any(|(_, story)| story.contains("R11")), "{many}");
 }

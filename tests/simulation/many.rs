@@ -67,6 +67,8 @@ impl Many {
         sum.arrived_late += more.arrived_late;
         sum.settings += more.settings;
         sum.late_answers += more.late_answers;
+        sum.foreign_answers += more.foreign_answers;
+        sum.noticed += more.noticed;
         self.seeds += 1;
         self.hours += outcome.ran.as_secs_f64() / 3600.0;
         self.changes += outcome.changes;
@@ -81,7 +83,8 @@ impl fmt::Display for Many {
         for (seed, story) in self.broken.iter().take(3) {
             writeln!(f, "seed {seed}, its last events:\n{story}")?;
         }
-        let Counts { exchanges, writes, faults, runs, arrived_late, settings, late_answers } = self.counts;
+        let Counts { exchanges, writes, faults, runs, arrived_late, .. } = self.counts;
+        let Counts { settings, late_answers, foreign_answers, noticed, .. } = self.counts;
         writeln!(
             f,
             "{} seeds, {:.0} machine hours in {:.0} s: {:.0} a minute",
@@ -101,6 +104,9 @@ impl fmt::Display for Many {
                 "{settings} changes at a panel, {} registers that went back, {late_answers} answers later than a gateway waits",
                 self.went_back
             )?;
+        }
+        if foreign_answers > 0 {
+            writeln!(f, "{foreign_answers} answers to another master, which was noticed {noticed} times")?;
         }
         write!(f, "{faults} faults, {runs} starts of a gateway; violations: {}", self.broken.len())?;
         self.broken.iter().try_for_each(|(seed, _)| write!(f, ", seed {seed}"))

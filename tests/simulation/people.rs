@@ -36,6 +36,9 @@ impl People {
         if let Some(why) = self.is_blamed(world, &status) {
             world.machine.laws.broken.get_or_insert(why);
         }
+        if let Some(why) = is_not_reported(world, &status, now) {
+            world.machine.laws.broken.get_or_insert(why);
+        }
         if status.axes.iter().all(|axis| axis.armed) {
             return;
         }
@@ -122,6 +125,14 @@ impl People {
         }
         None
     }
+}
+
+/// Once another master was noticed, there is an alarm until ten minutes after its last sign.
+fn is_not_reported(world: &World, status: &Status, now: Duration) -> Option<String> {
+    let is_reported = status.alarms.iter().any(|alarm| alarm.id == "trouble of bus sensors");
+    let must_be = world.machine.laws.signs.must_be_reported(now);
+    (must_be && !is_reported)
+        .then(|| format!("another master is on the line, and there is no alarm; {}", reported(status)))
 }
 
 fn armed(status: &Status, axis: &str) -> bool {

@@ -4,6 +4,7 @@ use isotherm_profile::Profile;
 
 use crate::day;
 use crate::panel::RATE;
+use crate::second_master::MAX_RATE;
 
 /// Profile of a machine, and what else happens to it.
 #[derive(Clone, Debug)]
@@ -21,6 +22,8 @@ pub(crate) enum Beyond {
     Panel,
     /// It is behind a gateway to a serial line, which gives a late answer to the question that is open then.
     Shifts,
+    /// It is on an RTU line with another master.
+    SecondMaster,
 }
 
 impl Scene {
@@ -49,6 +52,16 @@ impl Scene {
         let text: Vec<String> = text.lines().map(of_column).collect();
         Scene { profile: day::parsed(&text.join("\n")), beyond: Beyond::Shifts }
     }
+
+    /// The same on an RTU line behind a serial server, with another master. The profile limits how fast the temperatures change, or does
+    /// not.
+    pub(crate) fn second_master(is_limited: bool) -> Scene {
+        let (bus, age) = ("[bus.sensors]\ntype = \"modbus-", "max_age = \"3s\"\n");
+        let text = day::TEXT.replace(&format!("{bus}tcp\""), &format!("{bus}rtu-over-tcp\""));
+        let limited = text.replace(age, &format!("{age}max_rate = {MAX_RATE}\n"));
+        let profile = day::parsed(if is_limited { &limited } else { &text });
+        Scene { profile, beyond: Beyond::SecondMaster }
+    }
 }
 
 impl Beyond {
@@ -58,13 +71,14 @@ impl Beyond {
             Beyond::Nothing => 0,
             Beyond::Panel => 3,
             Beyond::Shifts => 8,
+            Beyond::SecondMaster => 10,
         }
     }
 
     /// Temperatures about which bed and column move, °C. Values that are exchanged must show.
     pub(crate) fn bases(self) -> [f64; 2] {
         match self {
-            Beyond::Nothing | Beyond::Panel => [20.0, 20.0],
+            Beyond::Nothing | Beyond::Panel | Beyond::SecondMaster => [20.0, 20.0],
             Beyond::Shifts => [20.0, 33.0],
         }
     }

@@ -8,6 +8,7 @@ use rand_pcg::Pcg32;
 use crate::link::{Fate, LATE, Weather, World};
 use crate::machine::{CNC, LINES, PLC, SCALE, SENSORS};
 use crate::scene::Beyond;
+use crate::second_master::{self, Habit};
 
 const SECOND: Duration = Duration::from_secs(1);
 const MILLI: Duration = Duration::from_millis(1);
@@ -28,6 +29,8 @@ pub(crate) enum Happening {
     OtherModule(Duration),
     /// The module is set at its panel to so many counts for a degree.
     Panel(u16, Duration),
+    /// Another master asks the module with the thermocouples.
+    SecondMaster(Habit, Duration),
     Restart(usize, bool),
     Deaf(Duration),
     /// The operator adds so many counts to what stands in his register.
@@ -157,6 +160,10 @@ fn draw_beyond(random: &mut Pcg32, beyond: Beyond, left: Duration) -> Option<Hap
             let weather = Weather::Shifting(random.random_range(3..50), code);
             Some(Happening::Weather(SENSORS, weather, (SECOND * random.random_range(1..=90)).min(left)))
         }
+        Beyond::SecondMaster => {
+            let (habit, span) = second_master::draw(random);
+            Some(Happening::SecondMaster(habit, span.min(left)))
+        }
     }
 }
 
@@ -190,6 +197,12 @@ pub(crate) fn befalls(world: &mut World, what: Happening, now: Duration) {
             world.machine.sets(counts, now, span);
             world.counts.settings += 1;
             world.did(now, "the module is set to other counts for a degree", u64::from(counts));
+        }
+        Happening::SecondMaster(habit, span) => {
+            let span = span.min(left_of_storm(now));
+            let has_readings = world.machine.laws.has_readings(now);
+            world.other.comes(habit, has_readings, now, span);
+            world.did(now, "another master asks the module for s", span.as_secs());
         }
         Happening::Deaf(span) => {
             world.machine.deaf_until = now + span;

@@ -4,6 +4,7 @@
 
 mod day;
 mod disk;
+mod framing;
 mod laws;
 mod link;
 mod machine;
@@ -13,6 +14,7 @@ mod panel;
 mod people;
 mod scene;
 mod script;
+mod second_master;
 mod serial_side;
 mod stream;
 mod time;
@@ -40,8 +42,12 @@ struct Arguments {
     threads: usize,
     #[command(flatten)]
     machine: Machine,
+    /// The module is on an RTU line with another master, which reads other registers of the same form.
+    #[arg(long, conflicts_with_all = ["nodes", "panel", "gateway"])]
+    second_master: bool,
     /// A rule is taken out, and a law is broken. The module with the thermocouples has no checks, so that neither another one in its place
-    /// nor other settings are noticed. With --gateway nothing waits for late answers.
+    /// nor other settings are noticed. With --gateway nothing waits for late answers, and with
+    /// --second-master nothing limits how fast the readings change.
     #[arg(long, conflicts_with = "nodes")]
     unchecked: bool,
 }
@@ -87,8 +93,9 @@ fn seeds(text: &str) -> Result<(u64, u64), String> {
 }
 
 fn main() -> ExitCode {
-    let Arguments { seeds: (first, last), span, threads, machine, unchecked } = Arguments::parse();
-    let scene = machine.scene(unchecked);
+    let arguments = Arguments::parse();
+    let Arguments { seeds: (first, last), span, threads, machine, second_master, unchecked } = arguments;
+    let scene = if second_master { Scene::second_master(!unchecked) } else { machine.scene(unchecked) };
     let seeds: Vec<u64> = (first..=last).collect();
     let many = Many::run(&scene, &seeds, span, threads, Without::Nothing);
     println!("{many}");

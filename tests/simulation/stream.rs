@@ -11,11 +11,13 @@ use isotherm::fieldbus::error::{Fault, LinkFault};
 use isotherm::fieldbus::modbus::ModbusTcp;
 use isotherm::fieldbus::namespaces::NamespaceTable;
 use isotherm::fieldbus::port::Port;
+use isotherm::fieldbus::rtu::Rtu;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::Boxed;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::Sleep;
 
+use crate::framing::Framing;
 use crate::link::{Heard, World};
 use crate::nodes::Nodes;
 
@@ -46,17 +48,22 @@ impl Dial for SimulatedDial {
         let number = self.shared.world().dial(self.line);
         let stream =
             number.map(|number| Stream { shared: self.shared.clone(), line: self.line, number, timer: None });
-        let servers = self.shared.world().servers;
+        let (servers, framing) = {
+            let world = self.shared.world();
+            (world.servers, world.lines[self.line].framing)
+        };
         if stream.is_some() {
             self.starts = [self.starts[1], Some(servers.starts)];
             self.namespaces.iter().for_each(|table| table.connected(servers.array()));
         }
-        let connection = stream.map(|stream| match (ModbusTcp::new(stream, tap), self.has_nodes) {
-            (below, true) => {
+        let connection = stream.map(|stream| match (framing, self.has_nodes) {
+            (Framing::Rtu, _) => Connection::Other(Box::new(Rtu::new(stream, None, tap))),
+            (Framing::Tcp, true) => {
+                let below = ModbusTcp::new(stream, tap);
                 let (shared, namespaces) = (self.shared.clone(), self.namespaces.clone());
                 Connection::Other(Box::new(Nodes { below, shared, namespaces, servers }))
             }
-            (below, false) => Connection::Modbus(below),
+            (Framing::Tcp, false) => Connection::Modbus(ModbusTcp::new(stream, tap)),
         });
         Box::pin(std::future::ready(connection.ok_or(Fault::Link(LinkFault::Refused))))
     }

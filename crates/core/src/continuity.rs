@@ -54,9 +54,9 @@ pub enum Break {
     Refused,
     /// A connection was reset, or closed without an answer.
     ConnectionLost,
-    /// A connection was made that does not resume the one before.
+    /// A connection was made that does not resume the one before: a server has forgotten it, or a serial port is another one.
     NewConnection,
-    /// The interface of the bus, or its serial adapter, went down.
+    /// The interface of the bus went down.
     InterfaceDown,
     /// The device was restarted.
     Restarted,
@@ -215,8 +215,18 @@ impl DeviceContinuity {
         Some(std::mem::replace(&mut self.state, state))
     }
 
+    /// Notes that the device is about to be asked, or has answered. A silence that has become long since the last miss breaks
+    /// continuity once. A device that is not confirmed is checked in any case.
+    pub fn notice_silence(&mut self, now: Moment) {
+        let is_silent = self.missed >= SILENT_REQUESTS && now.since(self.answered) >= self.silence;
+        if is_silent && self.is_confirmed() && !std::mem::replace(&mut self.is_silent, true) {
+            self.breaks(Break::Silence, now);
+        }
+    }
+
     /// Notes an answer, also one that refuses.
     pub fn answers(&mut self, now: Moment) {
+        self.notice_silence(now);
         (self.answered, self.missed, self.is_silent) = (now, 0, false);
     }
 

@@ -1,12 +1,12 @@
 //! Canonical names of bus addresses: each spelling of an address has the same name.
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
-use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::Path;
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use crate::clock::Passing;
+use crate::fieldbus::serial::device_number;
 use isotherm_profile::{Bus, Transport};
 
 /// Longest time for all host names together. A name that is not resolved by then is compared as it is written.
@@ -105,9 +105,8 @@ fn source_address(ip: IpAddr) -> std::io::Result<IpAddr> {
 
 /// Returns the device number of a serial port, which all of its paths share. If there is no such port, returns its path.
 fn port(path: &str) -> String {
-    let found = std::fs::metadata(path).ok().filter(|found| found.file_type().is_char_device());
-    match found {
-        Some(found) => format!("serial {:x}", found.rdev()),
+    match std::fs::metadata(path).ok().and_then(|found| device_number(&found)) {
+        Some(number) => format!("serial {number:x}"),
         None => format!("serial {}", std::path::absolute(Path::new(path)).unwrap_or_default().display()),
     }
 }

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use isotherm::fieldbus::error::{Fault, LinkFault};
+use isotherm::fieldbus::error::{Fault, LinkFault, PeerFault};
+use isotherm::fieldbus::line::DeviceLine;
 use isotherm::fieldbus::wire::Answer;
 use isotherm_profile::{DeviceId, Transport};
 use tokio::io::AsyncWriteExt;
@@ -32,7 +33,7 @@ fn alive(plug: &Arc<Plug>) -> tokio::task::JoinHandle<()> {
 }
 
 /// Asks every 20 ms until the answer is good; how long that took, and every fault that came before.
-async fn until_good(line: &mut isotherm::fieldbus::line::DeviceLine) -> (Duration, Vec<Fault>) {
+async fn until_good(line: &mut DeviceLine) -> (Duration, Vec<Fault>) {
     let (begun, mut faults) = (Instant::now(), Vec::new());
     loop {
         match asked(line, UNIT, read(7, 1)).await {
@@ -46,6 +47,22 @@ async fn until_good(line: &mut isotherm::fieldbus::line::DeviceLine) -> (Duratio
         assert!(begun.elapsed() < Duration::from_secs(60), "{faults:?}");
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
+}
+
+/// Asks until the line closes the port, because answers are lost or wrong.
+async fn until_closed(line: &mut DeviceLine, plug: &Plug) {
+    let begun = Instant::now();
+    loop {
+        let answer = asked(line, UNIT, read(7, 1)).await;
+        let is_miss = matches!(answer, Err(Fault::Timeout | Fault::Peer(PeerFault::Malformed)));
+        assert!(is_miss, "{answer:?}");
+        if !line.is_connected() {
+            break;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(60));
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    assert!(!plug.is_open());
 }
 
 #[tokio::test]
@@ -96,8 +113,79 @@ async fn an_adapter_that_has_lost_itself_is_opened_anew_under_its_name_after_the
     let (took, faults) = until_good(&mut line).await;
     println!("good {took:?} after the first miss");
     assert_eq!(faults, [Fault::Timeout]);
-    let said = exchanges.said();
-    assert!(!said.is_empty() && said.iter().all(|who| *who == Some(UNIT)), "{said:?}");
+    assert_eq!(exchanges.said(), [None], "each device on it may be another one");
+    speaks.abort();
+}
+
+#[tokio::test]
+async fn a_port_that_is_opened_again_after_lost_or_garbled_answers_is_the_same_one() {
+    /// Nothing, and bytes that are no frame.
+    const GARBAGE: [&[u8]; 2] = [&[], &[0x55; 9]];
+    for garbage in GARBAGE {
+        let plug = Arc::new(Plug::new());
+        let exchanges = Exchanges::default();
+        let line = line(&bus(serial(115_200), plug.path.to_str().unwrap(), TIMEOUT), 1);
+        let mut line = line.witnessed(Arc::new(exchanges.clone()));
+        let device = plug.clone();
+        let garbles = tokio::spawn(async move {
+            loop {
+                device.asked().await;
+                device.say(garbage);
+            }
+        });
+        until_closed(&mut line, &plug).await;
+        garbles.abort();
+        let _ = garbles.await;
+        let speaks = alive(&plug);
+        until_good(&mut line).await;
+        assert_eq!(exchanges.said(), [], "no device can be another one after {garbage:x?}");
+        speaks.abort();
+    }
+}
+
+#[tokio::test]
+async fn an_adapter_that_takes_the_name_of_another_while_the_port_is_closed_is_another_one() {
+    let home = tempfile::tempdir().unwrap();
+    let name = home.path().join("usb-adapter");
+    let first = Arc::new(Plug::new());
+    first.under(&name);
+    let exchanges = Exchanges::default();
+    let line = line(&bus(serial(115_200), name.to_str().unwrap(), TIMEOUT), 1);
+    let mut line = line.witnessed(Arc::new(exchanges.clone()));
+    until_closed(&mut line, &first).await;
+    assert_eq!(exchanges.said(), []);
+    // Nothing else of a pseudo-terminal but the time at which it was made differs, if the number of the first is given again.
+    let path = first.path.clone();
+    drop(first);
+    let second = Arc::new(Plug::new());
+    second.under(&name);
+    println!("first {}, then {}", path.display(), second.path.display());
+    let speaks = alive(&second);
+    until_good(&mut line).await;
+    assert_eq!(exchanges.said(), [None]);
+    speaks.abort();
+}
+
+#[tokio::test]
+async fn an_adapter_that_is_exchanged_between_two_questions_is_another_one() {
+    let home = tempfile::tempdir().unwrap();
+    let name = home.path().join("usb-adapter");
+    let first = Arc::new(Plug::new());
+    first.under(&name);
+    let speaks = alive(&first);
+    let exchanges = Exchanges::default();
+    let line = line(&bus(serial(115_200), name.to_str().unwrap(), TIMEOUT), 1);
+    let mut line = line.witnessed(Arc::new(exchanges.clone()));
+    until_good(&mut line).await;
+    assert!(!exchanges.said().contains(&None));
+    speaks.abort();
+    let _ = speaks.await;
+    drop(first);
+    let second = Arc::new(Plug::new());
+    second.under(&name);
+    let speaks = alive(&second);
+    until_good(&mut line).await;
+    assert!(exchanges.said().contains(&None));
     speaks.abort();
 }
 

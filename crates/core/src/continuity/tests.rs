@@ -117,6 +117,30 @@ fn one_lost_answer_is_no_break_and_silence_is_one() {
 }
 
 #[test]
+fn a_silence_that_becomes_long_after_its_last_miss_is_one_break() {
+    let silent = || {
+        let mut device = checked();
+        device.misses(at(0.3));
+        device.misses(at(0.6));
+        assert!(device.is_confirmed());
+        device
+    };
+    let mut asked = silent();
+    asked.notice_silence(at(1.9));
+    assert!(asked.is_confirmed());
+    asked.notice_silence(at(2.1));
+    asked.answers(at(2.2));
+    assert!(!asked.is_confirmed() && asked.breaks_so_far() == 1);
+    let mut answers = silent();
+    answers.answers(at(2.1));
+    assert!(!answers.is_confirmed() && answers.breaks_so_far() == 1);
+    let mut answers = checked();
+    answers.misses(at(0.3));
+    answers.answers(at(9.0));
+    assert!(answers.is_confirmed(), "one lost answer is no silence");
+}
+
+#[test]
 fn lasting_silence_is_one_break() {
     let mut device = checked();
     (1..100).for_each(|second| device.misses(at(f64::from(second))));

@@ -1,0 +1,134 @@
+//! Identity of a serial port: whether the port that is opened is the one that was open before.
+//!
+//! The name of a port does not identify it, nor does its device number: another adapter may get both after one was unplugged.
+//! The kernel registers each adapter that is plugged in. It makes a directory in sysfs and a node in devtmpfs, each with an inode
+//! that was not used before. The directory also identifies an adapter whose node was made by hand, as in a container.
+//!
+//! A pseudo-terminal is not registered, and its node has the same inode whenever its number is used again. Its `ctime` is the time at
+//! which it was made. Reading and writing change only the other two times of a node (`tty_update_time` in the kernel).
+
+use std::fs::{self, File, Metadata};
+use std::os::unix::fs::{FileTypeExt, MetadataExt};
+
+/// Returns the device number of a serial port, which all of its paths share. `None` if this is no character device.
+pub fn device_number(found: &Metadata) -> Option<u64> {
+    found.file_type().is_char_device().then(|| found.rdev())
+}
+
+/// Identity of a serial port. Two ports that were open one after the other are the same if it is equal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PortIdentity {
+    device_number: u64,
+    /// File system and inode of its node.
+    node: (u64, u64),
+    origin: Origin,
+}
+
+/// Mark of an adapter that was plugged in, or of a pseudo-terminal that was made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Origin {
+    /// Inode of the directory in sysfs of a registered device.
+    Registration(u64),
+    /// Seconds and nanoseconds of the `ctime` of the node. No registration was found.
+    NodeChange(i64, i64),
+}
+
+impl PortIdentity {
+    /// Returns the identity of an open port. `None` if it is no character device.
+    pub(super) fn of(port: &File) -> Option<PortIdentity> {
+        let node = port.metadata().ok()?;
+        let device_number = device_number(&node)?;
+        let origin = registration(device_number)
+            .map_or(Origin::NodeChange(node.ctime(), node.ctime_nsec()), Origin::Registration);
+        Some(PortIdentity { device_number, node: (node.dev(), node.ino()), origin })
+    }
+}
+
+/// Returns the inode of the directory in sysfs of a character device.
+fn registration(device_number: u64) -> Option<u64> {
+    let (major, minor) = (rustix::fs::major(device_number), rustix::fs::minor(device_number));
+    fs::metadata(format!("/sys/dev/char/{major}:{minor}")).ok().map(|directory| directory.ino())
+}
+
+/// Last port that was opened, compared with the one before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum PortHistory {
+    /// No port: none was opened yet, or the last attempt has failed.
+    #[default]
+    None,
+    /// The port that was open before. Without one before, the first port.
+    Same(PortIdentity),
+    /// Another port than the one before.
+    Other(PortIdentity),
+}
+
+impl PortHistory {
+    /// Adds an attempt to open the port, with its identity if it was opened. A failed attempt is a break by itself, which the line
+    /// reports. The port before is forgotten then, so that the next one is no second break.
+    #[must_use]
+    pub(crate) fn and(self, opened: Option<PortIdentity>) -> PortHistory {
+        match (self, opened) {
+            (_, None) => PortHistory::None,
+            (PortHistory::Same(before) | PortHistory::Other(before), Some(port)) if before != port => {
+                PortHistory::Other(port)
+            }
+            (_, Some(port)) => PortHistory::Same(port),
+        }
+    }
+
+    /// Returns whether no other port has taken the place of the one before.
+    pub(crate) fn resumes(self) -> bool {
+        !matches!(self, PortHistory::Other(_))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PORT: PortIdentity =
+        PortIdentity { device_number: 0xbc00, node: (5, 900), origin: Origin::Registration(51_000) };
+
+    #[test]
+    fn a_port_resumes_unless_it_is_another_one_than_the_last_that_was_opened() {
+        let plugged_in_again = PortIdentity { origin: Origin::Registration(51_700), ..PORT };
+        let table: [(&[Option<PortIdentity>], bool); 7] = [
+            (&[Some(PORT)], true),
+            (&[Some(PORT), Some(PORT)], true),
+            (&[Some(PORT), Some(plugged_in_again)], false),
+            (&[Some(PORT), Some(plugged_in_again), Some(plugged_in_again)], true),
+            (&[Some(PORT), Some(plugged_in_again), Some(PORT)], false),
+            // The failed attempt was reported.
+            (&[Some(PORT), None, Some(plugged_in_again)], true),
+            (&[None, Some(PORT)], true),
+        ];
+        for (attempts, resumes) in table {
+            let history = attempts.iter().fold(PortHistory::default(), |history, port| history.and(*port));
+            assert_eq!(history.resumes(), resumes, "{attempts:?}");
+        }
+    }
+
+    #[test]
+    fn each_part_of_the_identity_distinguishes_two_ports() {
+        let others = [
+            PortIdentity { device_number: 0xbc01, ..PORT },
+            PortIdentity { node: (6, 900), ..PORT },
+            PortIdentity { node: (5, 901), ..PORT },
+            PortIdentity { origin: Origin::Registration(51_001), ..PORT },
+            PortIdentity { origin: Origin::NodeChange(51_000, 0), ..PORT },
+        ];
+        for other in others {
+            assert_eq!(PortHistory::Same(PORT).and(Some(other)), PortHistory::Other(other), "{other:?}");
+        }
+    }
+
+    #[test]
+    fn a_device_is_the_same_each_time_it_is_opened_and_a_file_has_no_identity() {
+        let identity = |path: &str| PortIdentity::of(&File::open(path).unwrap());
+        assert!(identity("/dev/null").is_some());
+        assert_eq!(identity("/dev/null"), identity("/dev/null"));
+        assert_ne!(identity("/dev/null"), identity("/dev/zero"));
+        let file = tempfile::NamedTempFile::new().unwrap();
+        assert_eq!(identity(file.path().to_str().unwrap()), None);
+    }
+}
