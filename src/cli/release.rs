@@ -127,7 +127,8 @@ fn way(left: &Value) -> String {
             micron("held_um")
         ),
     };
-    let beside = figure("operator").map_or(String::new(), |part| format!(", beside {part} of the operator's"));
+    let beside =
+        figure("operator").map_or(String::new(), |part| format!(", beside {part} of the operator's"));
     let bound = |key: &str| figure(key).map_or("unknown".to_owned(), |um| format!("{um} µm"));
     let seconds = figure("back_s").and_then(|seconds| Duration::try_from_secs_f64(seconds.ceil()).ok());
     format!(
@@ -160,7 +161,11 @@ mod tests {
              1 µm an update and 0.25 µm/s, within ±40 µm: about 1m 20s"
         );
         left["operator"] = 3.5.into();
-        assert!(way(&left).contains("at 10.0.0.7:502, beside 3.5 of the operator's; it goes"), "{}", way(&left));
+        assert!(
+            way(&left).contains("at 10.0.0.7:502, beside 3.5 of the operator's; it goes"),
+            "{}",
+            way(&left)
+        );
         assert!((seen(&left) - 20.0).abs() < 1e-9);
         left["found_um"] = 5.0.into();
         assert!((seen(&left) - 5.0).abs() < 1e-9);
@@ -177,7 +182,10 @@ mod tests {
         let said = nothing_left("cnc_z", false, &left);
         assert!(said.contains("cnc_z") && said.ends_with("these can be released: cnc_x, cnc_y"), "{said}");
         let said = nothing_left("cnc_z", true, &[]);
-        assert!(said.contains("the running gateway writes to output cnc_z") && said.contains("restart --keep"), "{said}");
+        assert!(
+            said.contains("the running gateway writes to output cnc_z") && said.contains("restart --keep"),
+            "{said}"
+        );
         assert!(said.ends_with("there is nothing to release now"), "{said}");
     }
 }

@@ -10,8 +10,8 @@ use std::path::Path;
 use super::disk::{Disk, Files};
 use super::store::document::{Seal, read, render};
 use super::store::{Content, number, path};
-use serde_json::Value;
 use isotherm_core::output::{Doubt, Kept};
+use serde_json::Value;
 
 /// Name and bytes of the document; none if nothing was kept yet.
 ///

@@ -99,7 +99,10 @@ impl Releases {
         let Attempt::From(found, _) = &attempt else { return attempt };
         if let Some(one) = self.returning.iter().find(|one| one.waits == Some(axis)) {
             return Attempt::Refused(Explained::new(
-                format!("the former register of its output, {}, is on its way back to its base", one.release.place),
+                format!(
+                    "the former register of its output, {}, is on its way back to its base",
+                    one.release.place
+                ),
                 "arm the axis when that is over; `isotherm status` shows how far it is",
             ));
         }
@@ -211,7 +214,10 @@ fn why_not(profile: &Profile, former: &Former, kept: &[Entry]) -> Result<(), Exp
     }
     let held = former.found_um.or(former.held_um).unwrap_or_default();
     if held.abs() > bounds.limit_um + bounds.step_um * GRAIN_OF_A_STEP {
-        return by_hand(format!("{held:.1} µm is more than the limit of ±{} µm that it had", bounds.limit_um));
+        return by_hand(format!(
+            "{held:.1} µm is more than the limit of ±{} µm that it had",
+            bounds.limit_um
+        ));
     }
     Ok(())
 }

@@ -178,8 +178,10 @@ pub(super) fn ask(core: &mut Core, (output, seen): (&str, &[f64]), by: String) -
     let all = left(core);
     let of_output: Vec<&LeftStatus> = all.iter().filter(|left| left.output == output).collect();
     if of_output.is_empty() {
-        let cause =
-            format!("nothing of ours is in a register of an output {} that was moved or removed", quoted(output));
+        let cause = format!(
+            "nothing of ours is in a register of an output {} that was moved or removed",
+            quoted(output)
+        );
         return Err(Explained::new(cause, "`isotherm status` shows what is left"));
     }
     if let Some(left) = of_output.iter().find(|left| left.state == LeftState::Returning) {

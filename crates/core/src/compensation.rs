@@ -282,7 +282,9 @@ impl Compensation {
             }
             // Axes that rest on no reading take notice of nothing, so that a log without them is replayed alike.
             self.follow(snapshot);
-            for (axis, control) in self.axes.iter_mut().zip(controls).filter(|(axis, control)| due(axis, control)) {
+            for (axis, control) in
+                self.axes.iter_mut().zip(controls).filter(|(axis, control)| due(axis, control))
+            {
                 axis.step(&snapshot.followed(), &self.machine, *control);
             }
             return Stepped { anything: true, noticed: Noticed::default() };

@@ -278,6 +278,7 @@ fn a_release_names_one_output_and_its_client_stays() {
     ] {
         assert_eq!(parse(line), None, "{line}");
     }
-    let stays = ["release cnc_z seen=20", "restart", "restart within=10", "restart wrong", "restart wrong a.toml"];
+    let stays =
+        ["release cnc_z seen=20", "restart", "restart within=10", "restart wrong", "restart wrong a.toml"];
     assert_eq!(stays.map(|line| parse(line).unwrap().stays()), [true, true, true, false, false]);
 }

@@ -303,7 +303,9 @@ fn what_the_ledger_has_of_a_former_place_is_kept_until_nothing_is_left_there() {
     let place = OutputPlace { axis: "release_cnc_z".to_owned(), ..of_output(&before, output) };
     let moved = Entry::new(place, kept);
     assert!(places.is_of_a_release("cnc_z_released", &moved));
-    assert!(!places.is_of_a_release(&output.name, &other) && !places.is_of_a_release("cnc_z_released", &other));
+    assert!(
+        !places.is_of_a_release(&output.name, &other) && !places.is_of_a_release("cnc_z_released", &other)
+    );
     // A release has moved the register.
     let kept = isotherm_core::output::Kept { in_order: false, ..kept };
     let newer = Entry::new(of_output(&before, output), kept);

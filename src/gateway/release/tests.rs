@@ -32,16 +32,7 @@ fn former(profile: &Profile) -> Former {
 fn release(profile: &Profile) -> Release {
     let Former { output, place, bounds, .. } = former(profile);
     let (bounds, by) = (bounds.unwrap(), "by a test".to_owned());
-    Release {
-        output,
-        place,
-        bounds,
-        from_um: 20.0,
-        operator: None,
-        held_um: 20.0,
-        stage: Stage::Asked,
-        by,
-    }
+    Release { output, place, bounds, from_um: 20.0, operator: None, held_um: 20.0, stage: Stage::Asked, by }
 }
 
 /// The bench with another register for its output.
@@ -78,7 +69,8 @@ fn a_profile_gets_an_axis_and_an_output_at_the_former_place_with_the_former_boun
 fn a_register_whose_device_the_profile_does_not_have_is_not_released() {
     let bench = profile(BENCH);
     let elsewhere = profile(&BENCH.replace("127.0.0.1:1505", "127.0.0.1:1506"));
-    let other_unit = profile(&BENCH.replacen("bus = \"control\"\nunit = 1", "bus = \"control\"\nunit = 2", 1));
+    let other_unit =
+        profile(&BENCH.replacen("bus = \"control\"\nunit = 1", "bus = \"control\"\nunit = 2", 1));
     for mut changed in [elsewhere, other_unit] {
         let before = changed.clone();
         let why = why_not(&changed, &former(&bench), &[]).unwrap_err();
@@ -94,7 +86,8 @@ fn a_register_that_the_profile_writes_to_under_another_name_of_its_line_is_not_r
     let bench = profile(BENCH);
     let mut changed = moved();
     let same = changed.buses.iter().position(|bus| bus.address == "127.0.0.1:1505").unwrap();
-    let other = Bus { name: "again".to_owned(), address: "localhost:1505".to_owned(), ..changed.buses[same].clone() };
+    let other =
+        Bus { name: "again".to_owned(), address: "localhost:1505".to_owned(), ..changed.buses[same].clone() };
     changed.buses.push(other);
     let device = changed.devices.iter().position(|device| device.bus == BusId(same)).unwrap();
     let (name, bus) = ("again".to_owned(), BusId(changed.buses.len() - 1));
@@ -129,7 +122,10 @@ fn a_shared_register_is_moved_only_if_the_operators_part_is_the_saved_one() {
     // The axis of the moved output waits.
     let axis = cnc(&changed).axis;
     let attempt = releases.judge(axis, Attempt::From(cz, None), |_| None);
-    assert!(matches!(&attempt, Attempt::Refused(why) if why.to_string().contains("on its way back")), "{attempt:?}");
+    assert!(
+        matches!(&attempt, Attempt::Refused(why) if why.to_string().contains("on its way back")),
+        "{attempt:?}"
+    );
     assert_eq!(Releases::default().judge(axis, Attempt::From(cz, None), |_| None), Attempt::From(cz, None));
 }
 

@@ -98,7 +98,11 @@ fn a_person_who_says_no_changes_nothing_and_one_who_says_yes_has_the_register_ba
     std::thread::sleep(Duration::from_secs(1));
     assert_eq!((changes(&service), service.device.offset()), (Vec::new(), 0));
     let (code, said) = release(&service, &["cnc_z", "--yes"]);
-    assert_eq!((code, said.contains("the running gateway writes to output cnc_z")), (Some(1), true), "{said}");
+    assert_eq!(
+        (code, said.contains("the running gateway writes to output cnc_z")),
+        (Some(1), true),
+        "{said}"
+    );
     assert!(said.contains("there is nothing to release now"), "{said}");
 }
 
