@@ -7,4 +7,5 @@ mod support;
 
 mod continuity;
 mod output;
+mod places;
 mod step_allocates_nothing;

@@ -5,6 +5,7 @@ use std::time::Duration;
 use crate::linuxcnc::bench::{Bench, Way};
 use crate::linuxcnc::mill::Mill;
 use crate::linuxcnc::modbus;
+use crate::linuxcnc::process::until;
 
 fn with(um: f64) -> Bench {
     let mut bench = Bench::start();
@@ -54,12 +55,20 @@ fn a_write_that_comes_late_is_refused_and_moves_nothing() {
     for (round, um) in [14.0, 9.0, 10.0].into_iter().enumerate() {
         bench.wants(um);
         way.holds_a_write();
-        std::thread::sleep(Duration::from_millis(1500));
+        let taken = modbus::sequence(port);
+        until("another write is taken", || match modbus::sequence(port) {
+            number if number == taken => Err(format!("{number}")),
+            _ => Ok(()),
+        });
         bench.wants(10.0);
         way.lets_it_go();
-        std::thread::sleep(Duration::from_millis(300));
-        assert_eq!(modbus::refused(port), before + 1 + u16::try_from(round).unwrap(), "{um}");
+        let count = before + 1 + u16::try_from(round).unwrap();
+        until("the late write is refused", || match modbus::refused(port) {
+            refused if refused < count => Err(format!("{refused} of {count} at {um}")),
+            _ => Ok(()),
+        });
     }
+    assert_eq!(modbus::refused(port), before + 3);
     bench.arrives_at(10.0);
     bench.mill.recorded().never_jump();
     bench.blames_nobody();

@@ -35,6 +35,11 @@ pub(crate) fn block(port: u16) -> Vec<u16> {
     read(port, 3, 0, 11)
 }
 
+/// Number of the block that was taken last.
+pub(crate) fn sequence(port: u16) -> u16 {
+    block(port)[SEQUENCE]
+}
+
 /// How many writes were refused.
 pub(crate) fn refused(port: u16) -> u16 {
     read(port, 4, 27, 1)[0]
