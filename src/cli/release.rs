@@ -76,6 +76,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     anyhow::ensure!(*yes || is_wanted()?, "nothing is released");
     let replaced = control::release(&socket, (output, &seen), within, |said| say_beside!("{said}"));
     let status = restart::taken_over(&socket, replaced)?;
+    if let Some(why) = not_released(&status, output) {
+        anyhow::bail!("output {output}: nothing is released: {why}");
+    }
     gateway.print(Ok(Answer::Done(restart::sentence(&status))))
 }
 
@@ -107,6 +110,20 @@ fn nothing_left(output: &str, is_present: bool, left: &[Value]) -> String {
             quoted(output)
         ),
     }
+}
+
+/// Why a register of an output that was to be released stays as it is. `None` if each is on its way back, or there.
+fn not_released(status: &Value, output: &str) -> Option<String> {
+    let mut left = status["left"].as_array()?.iter();
+    let left = left.find(|one| one["output"] == output && one["state"] == "left")?;
+    let holds = || match left["found_um"].as_f64() {
+        Some(um) => format!(
+            "{} holds {um:.1} µm: compare it at the control, and release it again",
+            word(&left["register"])
+        ),
+        None => format!("`isotherm events` says what became of {}", word(&left["register"])),
+    };
+    Some(left["obstacle"].as_str().map_or_else(holds, str::to_owned))
 }
 
 /// Cz of ours that a person has seen in a register, µm.
@@ -174,6 +191,19 @@ mod tests {
             "{}",
             way(&left)
         );
+    }
+
+    #[test]
+    fn a_register_that_stays_as_it_is_is_no_success() {
+        let of = |state: &str, found: Value, obstacle: Value| {
+            let left = json!({ "output": "cnc_z", "register": "holding:104", "state": state, "found_um": found, "obstacle": obstacle });
+            not_released(&json!({ "left": [left] }), "cnc_z")
+        };
+        assert_eq!(of("returning", Value::Null, Value::Null), None);
+        assert_eq!(not_released(&json!({ "left": [] }), "cnc_z"), None);
+        assert_eq!(of("left", Value::Null, json!("a reason")), Some("a reason".to_owned()));
+        assert!(of("left", json!(5.0), Value::Null).unwrap().contains("holding:104 holds 5.0 µm"));
+        assert!(of("left", Value::Null, Value::Null).unwrap().contains("isotherm events"));
     }
 
     #[test]

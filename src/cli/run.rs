@@ -258,14 +258,11 @@ fn check(arguments: &Arguments, socket: &Path) -> anyhow::Result<()> {
 /// machine does not stand still for them. Returns why other gateways cannot be seen, if they cannot.
 fn claim(profile: &Profile, directory: &Path, options: &mut Options) -> anyhow::Result<Option<String>> {
     let released = with_releases(directory, profile.clone());
-    let claimed = match claims::claim(&released, directory) {
-        Err(why) if released.outputs.len() > profile.outputs.len() => {
-            options.may_release = Err(why);
-            claims::claim(profile, directory)
-        }
-        claimed => claimed,
-    };
-    claimed.map_err(anyhow::Error::msg)
+    if released.outputs.len() > profile.outputs.len() {
+        options.may_release = claims::could_claim(&released, directory);
+    }
+    let claimed = if options.may_release.is_ok() { &released } else { profile };
+    claims::claim(claimed, directory).map_err(anyhow::Error::msg)
 }
 
 /// The page of the profile, at another address where one is given.

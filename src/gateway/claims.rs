@@ -21,6 +21,8 @@ use sockets::{Answer, Listener};
 mod names;
 mod sockets;
 
+pub(super) use names::same_lines;
+
 /// Longest wait for a gateway that starts at the same moment.
 const PATIENCE: Duration = Duration::from_secs(5);
 const LOOK_AGAIN: Duration = Duration::from_millis(20);
@@ -106,13 +108,6 @@ pub fn claim(profile: &Profile, directory: &Path) -> Result<Option<String>, Stri
     let unseen = compare_with_others(&claim, |_| false)?;
     listener.hold();
     Ok(unseen)
-}
-
-/// Returns the buses of a profile that are the same line as one of them, under any of its names.
-pub(super) fn same_lines(profile: &Profile, bus: BusId) -> Vec<BusId> {
-    let names = names::of_each(&profile.buses.iter().collect::<Vec<_>>());
-    let is_same = |other: &usize| names[*other].iter().any(|name| names[bus.0].contains(name));
-    (0..profile.buses.len()).filter(is_same).map(BusId).collect()
 }
 
 /// Checks that a gateway with this profile can replace the one that runs in the parent of this process.

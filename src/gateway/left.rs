@@ -9,16 +9,17 @@ use super::core::Core;
 use super::log::outputs::ENDING;
 use super::memory::{Memory, Recalled};
 use super::places::{Moves, Places, of_output, why_forgotten};
-use super::release::{Releases, extend};
+use super::release::{Releases, Returning, extend};
 use super::storage::{keeping, newest_stamp, not_going_on};
 use super::store::{self, Entries, Entry, Opened, WHAT};
 use crate::clock::{Clock, Correction};
 use crate::observe::events::{Event, Journal};
 use isotherm_core::compensation::Stop;
+use isotherm_core::explained::Explained;
 use isotherm_core::output::Account;
 use isotherm_core::place::{KnownOutput, OutputPlace, Release, Stage};
 use isotherm_core::quantity::{Micron, Moment};
-use isotherm_profile::Profile;
+use isotherm_profile::{Axis, AxisId, Profile};
 
 #[derive(Default)]
 pub(super) struct Left {
@@ -103,11 +104,19 @@ impl Left {
             return releases;
         }
         if let Err(why) = &options.may_release {
-            releases.refuse_all(why);
+            let why = Explained::new(why.clone(), "leave the register to it, then arm the axis");
+            asked.iter().for_each(|release| releases.refuse(&release.place, &why));
         }
         let can = |release: &Release| releases.obstacle(&release.place).is_none();
         let asked: Vec<Release> = asked.into_iter().filter(can).collect();
         releases.returning = extend(profile, &asked);
+        for one in &mut releases.returning {
+            let mut former = places.former.iter();
+            let former = former.find(|former| one.release.is_of(&former.output, &former.place));
+            let waits = |axis: &Axis| former.is_some_and(|former| former.axes.contains(&axis.settings.name));
+            let axes = profile.axes.iter().enumerate();
+            one.waits.extend(axes.filter(|(_, axis)| waits(axis)).map(|(axis, _)| AxisId(axis)));
+        }
         let entries = &mut found.get_or_insert_default().outputs;
         for one in &releases.returning {
             let output = profile.output(one.output);
@@ -115,7 +124,9 @@ impl Left {
                 entries.insert(output.name.clone(), Entry::new(of_output(profile, output), kept));
             }
         }
-        places.releases = releases.returning.iter().map(|one| one.release.clone()).collect();
+        // No later run repeats it, however this one ends.
+        let begun = |one: &Returning| Release { stage: Stage::Begun, ..one.release.clone() };
+        places.releases = releases.returning.iter().map(begun).collect();
         releases
     }
 }

@@ -280,6 +280,8 @@ impl Places {
     /// Names the register of a release that is over again, with what it held when it was verified last.
     pub(super) fn ends(&mut self, release: &Release) {
         match self.former.iter_mut().find(|former| release.is_of(&former.output, &former.place)) {
+            // Nothing was verified in it.
+            Some(_) if release.held_um.to_bits() == release.from_um.to_bits() => {}
             Some(former) => (former.held_um, former.found_um) = (Some(release.held_um), None),
             None => self.former.push(release.former()),
         }

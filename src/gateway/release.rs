@@ -23,7 +23,7 @@ use isotherm_profile::{
 };
 
 use super::arming::Attempt;
-use super::claims;
+use super::claims::same_lines;
 use super::store::Entry;
 
 /// What a person can do about a register that cannot be released.
@@ -57,8 +57,8 @@ pub(super) struct Returning {
     pub(super) release: Release,
     /// Half a count of the register, µm.
     pub(super) grain_um: f64,
-    /// Axis of the output with the same name. It waits: both may be one register of the control under two names.
-    waits: Option<AxisId>,
+    /// Axes of the output in its new place. They wait: both may be one register of the control under two names.
+    pub(super) waits: Vec<AxisId>,
 }
 
 /// Way to the register of a former place.
@@ -83,9 +83,10 @@ impl Releases {
         known.map_or_else(|| Some(unknown()), |(_, why)| why.clone())
     }
 
-    /// Nothing is released in this run, for this reason.
-    pub(super) fn refuse_all(&mut self, why: &str) {
-        self.obstacles.iter_mut().for_each(|(_, known)| *known = Some(Explained::new(why, BY_HAND)));
+    /// A place is not released in this run, for this reason.
+    pub(super) fn refuse(&mut self, place: &OutputPlace, why: &Explained) {
+        let known = self.obstacles.iter_mut().filter(|(known, _)| known == place);
+        known.for_each(|(_, obstacle)| *obstacle = Some(why.clone()));
     }
 
     /// Judges the attempt to arm an axis. One that takes a register back is refused if the register holds a value that no person has
@@ -97,13 +98,14 @@ impl Releases {
         shares: impl Fn(OutputId) -> Option<(f64, f64)>,
     ) -> Attempt {
         let Attempt::From(found, _) = &attempt else { return attempt };
-        if let Some(one) = self.returning.iter().find(|one| one.waits == Some(axis)) {
+        if let Some(one) = self.returning.iter().find(|one| one.waits.contains(&axis)) {
             return Attempt::Refused(Explained::new(
                 format!(
                     "the former register of its output, {}, is on its way back to its base",
                     one.release.place
                 ),
-                "arm the axis when that is over; `isotherm status` shows how far it is",
+                "arm the axis when that is over: `isotherm status` shows how far it is, and `isotherm disarm` with the axis that does it \
+                 ends it",
             ));
         }
         let of_axis = self.returning.iter().find(|one| one.axis == axis);
@@ -134,10 +136,11 @@ impl Returning {
     /// # Errors
     /// No person has seen this value in the register.
     pub(super) fn admit(&self, found: Micron, shares: Option<(f64, f64)>) -> Result<(), Explained> {
-        let Release { place, from_um, .. } = &self.release;
+        let Release { place, .. } = &self.release;
+        let ours = self.release.known_um();
         let compare = "compare the register at the control; if the value is to go, release it again";
         if !self.release.may_move_from(found.get(), self.grain_um) {
-            let cause = format!("{place} holds {found}, and {from_um:.1} µm of ours were expected in it");
+            let cause = format!("{place} holds {found}, and {ours:.1} µm of ours were expected in it");
             return Err(Explained::new(cause, compare));
         }
         match (self.release.operator, shares) {
@@ -145,7 +148,7 @@ impl Returning {
             (Some(was), Some((is, _))) if (is - was).abs() <= self.grain_um => Ok(()),
             (Some(was), Some((is, _))) => Err(Explained::new(
                 format!(
-                    "{place} holds {is:.1} beside the {from_um:.1} µm of ours, and the operator's part was {was:.1}: perhaps ours \
+                    "{place} holds {is:.1} beside the {ours:.1} µm of ours, and the operator's part was {was:.1}: perhaps ours \
                      were taken out by hand"
                 ),
                 compare,
@@ -187,6 +190,11 @@ pub(super) fn layout(encoding: &Encoding) -> String {
     format!("{name}{order}{}", if encoding.byte_swap { " byte-swapped" } else { "" })
 }
 
+/// Obstacle of a shared register whose account is in doubt.
+pub(super) fn in_doubt() -> Explained {
+    Explained::new("which part of it is the operator's is in doubt", BY_HAND)
+}
+
 fn unknown() -> Explained {
     let cause = "the saved state does not say how it was moved: an earlier version of the program wrote it";
     Explained::new(cause, BY_HAND)
@@ -206,9 +214,7 @@ fn why_not(profile: &Profile, former: &Former, kept: &[Entry]) -> Result<(), Exp
             None => {
                 return by_hand("the saved state does not say which part of it is the operator's".to_owned());
             }
-            Some(account) if account.doubt.is_some() => {
-                return by_hand("which part of it is the operator's is in doubt".to_owned());
-            }
+            Some(account) if account.doubt.is_some() => return Err(in_doubt()),
             Some(_) => {}
         }
     }
@@ -266,7 +272,7 @@ fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Way, E
             written.contains(&format!("unit {} {}:{offset}", place.unit, register.table.name()))
         })
     };
-    if claims::same_lines(profile, profile.device(device).bus).into_iter().any(is_written) {
+    if same_lines(profile, profile.device(device).bus).into_iter().any(is_written) {
         return Err(Explained::new("the profile writes to it", "arm the axis of that output"));
     }
     let settings = profile.device(device);
@@ -357,7 +363,8 @@ fn add(profile: &mut Profile, release: &Release, way: Way) -> Option<Returning> 
         true => free(format!("{output}_released"), &outputs),
         false => output.clone(),
     };
-    let waits = profile.outputs.iter().find(|known| known.name == *output).map(|known| known.axis);
+    let same_name = profile.outputs.iter().filter(|known| known.name == *output);
+    let waits = same_name.map(|known| known.axis).collect();
     let (axis, id) = (AxisId(profile.axes.len()), OutputId(profile.outputs.len()));
     let (label, diameter) = (String::new(), place.diameter);
     profile.axes.push(Axis { settings, label, diameter, probe_input: None, purpose: Purpose::Release });

@@ -14,12 +14,12 @@ use super::arming::{ArmRequest, Arming};
 use super::core::Core;
 use super::output::Standing;
 use super::places::register_left;
-use super::release::{Returning, operators_part};
+use super::release::{Returning, in_doubt, operators_part};
 use crate::observe::asker::{Asker, Way};
 use crate::observe::events::Event;
 use crate::observe::status::{LeftState, LeftStatus};
 use isotherm_core::explained::Explained;
-use isotherm_core::place::{Former, Release, Stage};
+use isotherm_core::place::{Former, Owner, Release, Stage};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::regular::quoted;
 
@@ -39,6 +39,7 @@ pub(super) fn begin(core: &mut Core, now: Moment) {
         let asked =
             ArmRequest { by: Arc::new(by), until: Moment::END, reported: (String::new(), now), from: None };
         core.arming[axis.0] = Arming { latched: true, asked: Some(asked), ..Arming::default() };
+        core.storage.remember_soon();
     }
 }
 
@@ -128,8 +129,12 @@ fn given_up(core: &mut Core, one: &Returning, found: Option<Micron>) {
     core.events.push(event);
     Arc::make_mut(&mut core.places.places).former.push(former);
     core.releases.given_up.push(one.clone());
-    let parts = core.outputs[one.output.0].shares.map(|(part, _)| (one.release.place.clone(), part));
-    core.releases.parts.extend(parts);
+    let place = &one.release.place;
+    match core.outputs[one.output.0].shares {
+        Some((part, _)) => core.releases.parts.push((place.clone(), part)),
+        None if place.share == Owner::Whole => {}
+        None => core.releases.refuse(place, &in_doubt()),
+    }
 }
 
 /// Takes note of the last write of a release that was given up, once nothing of ours can arrive any more.

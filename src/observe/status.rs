@@ -260,9 +260,9 @@ impl Status {
 }
 
 impl AxisStatus {
-    /// It is to compensate: one without a model is not yet, nor is one that a person keeps off.
+    /// It is to compensate: one without a model is not yet, nor is one that a person keeps off, nor one that takes a register back.
     pub fn is_wanted(&self) -> bool {
-        self.has_model && !self.left_off
+        self.has_model && !self.left_off && !self.release
     }
 
     /// The words for it that people see.

@@ -7,13 +7,20 @@ use std::time::Duration;
 
 use crate::clock::Passing;
 use crate::fieldbus::serial::device_number;
-use isotherm_profile::{Bus, Transport};
+use isotherm_profile::{Bus, BusId, Profile, Transport};
 
 /// Longest time for all host names together. A name that is not resolved by then is compared as it is written.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Address of the computer's own name in Debian's /etc/hosts.
 const OWN_NAME: Ipv4Addr = Ipv4Addr::new(127, 0, 1, 1);
+
+/// Returns the buses of a profile that are the same line as one of them, under any of its names.
+pub(in crate::gateway) fn same_lines(profile: &Profile, bus: BusId) -> Vec<BusId> {
+    let names = of_each(&profile.buses.iter().collect::<Vec<_>>());
+    let is_same = |other: &usize| names[*other].iter().any(|name| names[bus.0].contains(name));
+    (0..profile.buses.len()).filter(is_same).map(BusId).collect()
+}
 
 /// Returns the canonical names of each of these buses. Two buses with a common name are the same line.
 pub(super) fn of_each(buses: &[&Bus]) -> Vec<Vec<String>> {

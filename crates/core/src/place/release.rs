@@ -111,13 +111,21 @@ pub struct Release {
 impl Release {
     /// Returns whether the register may be moved from a Cz that was read. `grain_um`: half a count of the register.
     pub fn may_move_from(&self, found_um: f64, grain_um: f64) -> bool {
-        let (known_um, steps) = match self.stage {
-            Stage::Asked => (self.from_um, 1.0),
-            Stage::Begun => (self.held_um, 2.0),
+        let steps = match self.stage {
+            Stage::Asked => 1.0,
+            Stage::Begun => 2.0,
         };
-        let (farthest, found) = (known_um.abs(), found_um * self.from_um.signum());
+        let (farthest, found) = (self.known_um().abs(), found_um * self.from_um.signum());
         let nearest = (farthest - steps * self.bounds.step_um).max(0.0);
         Release::is_back(found_um, grain_um) || (found <= farthest + grain_um && found >= nearest - grain_um)
+    }
+
+    /// Returns the Cz of ours that is expected in the register, µm.
+    pub fn known_um(&self) -> f64 {
+        match self.stage {
+            Stage::Asked => self.from_um,
+            Stage::Begun => self.held_um,
+        }
     }
 
     /// Returns whether this Cz is the base.
