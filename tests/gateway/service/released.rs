@@ -6,9 +6,9 @@ use std::time::Duration;
 
 use rustix::pty::OpenptFlags;
 
-use crate::service::device::{STEP, What};
-use crate::service::process::{isotherm, until};
-use crate::service::rig::Service;
+use crate::service::device::{STEP, What, profile};
+use crate::service::process::{Running, file, isotherm, until};
+use crate::service::rig::{Service, TIMES};
 
 /// Another unit of the same line, to which the output moves. The device does not distinguish them.
 const OTHER: &str = "[device.other]\nbus = \"cell\"\nunit = 2\nevery = \"200ms\"\n[axis.z]";
@@ -120,4 +120,28 @@ fn a_script_releases_with_yes_and_gets_a_document() {
     let commands = service.events("command");
     let is_release = |event: &&serde_json::Value| event["data"]["command"] == "release cnc_z";
     assert_eq!(commands.iter().filter(is_release).count(), 1, "{commands:#?}");
+}
+
+#[test]
+fn a_register_that_another_gateway_writes_to_by_now_is_left_to_it_and_the_gateway_runs_on() {
+    let mut service = moved();
+    let text = profile(service.device.address(), TIMES).replace("\"walker\"", "\"neighbour\"");
+    let path = file(service.home.path(), "neighbour.toml", &text);
+    let mut command = isotherm(service.home.path());
+    command.arg("run").arg(&path).arg("--state").arg(service.home.path().join("neighbour"));
+    let mut neighbour = Running::start(&mut command);
+    neighbour.hears("the gateway runs");
+    let process = service.gateway.id();
+    let (code, said) = release(&service, &["cnc_z", "--yes"]);
+    assert_eq!((code, said.contains("output cnc_z: nothing is released")), (Some(1), true), "{said}");
+    assert!(
+        said.contains("is written by another gateway") && said.contains("leave the register to it"),
+        "{said}"
+    );
+    assert_eq!((service.gateway.id(), service.gateway.has_ended()), (process, false));
+    // It asks for nothing at a later start, either.
+    let (code, said) = service.restart(&[]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(!neighbour.has_ended());
+    assert_eq!(service.events("register-released").len(), 0);
 }
