@@ -75,12 +75,12 @@ fn number(name: &str, otherwise: u64) -> u64 {
         .map_or(otherwise, |text| text.parse().unwrap_or_else(|_| panic!("{name}={text}: say 50")))
 }
 
-/// Ten seeds that no run had before, half a day each. `TEST_SEEDS=50` takes more, `TEST_SEED_HOURS=8` a whole day, and
+/// Ten seeds that no run had before, three hours each. `TEST_SEEDS=50` takes more, `TEST_SEED_HOURS=8` a whole day, and
 /// `TEST_FRESH_SEEDS_FROM` repeats those of a run.
 #[test]
 fn fresh_seeds_hold_the_laws() {
     let (first, count) = (number("TEST_FRESH_SEEDS_FROM", 1), number("TEST_SEEDS", 10));
-    let hours = number("TEST_SEED_HOURS", 4);
+    let hours = number("TEST_SEED_HOURS", 3);
     let seeds: Vec<u64> = (first..first + count).collect();
     let (scene, span) = (Scene::usual(day::profile()), HOUR * u32::try_from(hours).unwrap());
     let many = Many::run(&scene, &seeds, span, 2, Without::Nothing);
@@ -90,12 +90,14 @@ fn fresh_seeds_hold_the_laws() {
 
 #[test]
 fn sensors_and_control_that_are_servers_of_nodes_hold_the_same_laws() {
-    // Two, and six in depth.
+    // Two for three hours, and six for a day in depth.
     let seeds: Vec<u64> = (1..=number("TEST_SEEDS", 10) / 5).collect();
-    let many = Many::run(&Scene::usual(day::profile_of_nodes()), &seeds, DAY, 2, Without::Nothing);
+    let hours = number("TEST_SEED_HOURS", 3);
+    let (scene, span) = (Scene::usual(day::profile_of_nodes()), HOUR * u32::try_from(hours).unwrap());
+    let many = Many::run(&scene, &seeds, span, 2, Without::Nothing);
     assert_eq!(many.broken, [], "{many}");
     let count = seeds.len() as u64;
-    assert!(many.counts.faults > 200 * count && many.changes > 2000 * count, "{many}");
+    assert!(many.counts.faults > 25 * hours * count && many.changes > 250 * hours * count, "{many}");
 }
 
 /// Another module is put in the place of that with the thermocouples. Without a check its readings move the machine.
@@ -130,10 +132,12 @@ fn seeds_beyond() -> Vec<u64> {
 
 #[test]
 fn changes_at_a_panel_move_nothing_for_longer_than_a_period_of_the_check_and_are_walked_back() {
-    let seeds = seeds_beyond();
-    let many = Many::run(&Scene::panel(day::TEXT), &seeds, 3 * HOUR, 2, Without::Nothing);
-    assert_eq!(many.broken, [], "TEST_FRESH_SEEDS_FROM={}: {many}", seeds[0]);
-    assert!(many.counts.settings > seeds.len() as u64 && many.went_back > 0, "{many}");
+    // An hour each, and three in depth.
+    let (seeds, hours) = (seeds_beyond(), number("TEST_SEED_HOURS", 1).min(3));
+    let span = HOUR * u32::try_from(hours).unwrap();
+    let many = Many::run(&Scene::panel(day::TEXT), &seeds, span, 2, Without::Nothing);
+    assert_eq!(many.broken, [], "TEST_FRESH_SEEDS_FROM={} TEST_SEED_HOURS={hours}: {many}", seeds[0]);
+    assert!(many.counts.settings > 0 && many.went_back > 0, "{many}");
 }
 
 #[test]
