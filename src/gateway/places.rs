@@ -19,6 +19,10 @@ use isotherm_core::place::{
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{AxisId, DeviceId, Output, OutputId, Profile, Share, Signal, Writes};
 
+/// What arming does to a register that an operator writes to as well.
+const WHOLE: &str = "arming makes all that the register holds the gateway's, also what the operator has there; to keep that, write \
+                     share = \"ledger\" again";
+
 /// Places as they are saved.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -313,6 +317,15 @@ impl Places {
         let held = held_um.map(|um| format!("{um:.1} µm"));
         let moved = self.outputs.get(output).and_then(|is| Moved::between(place, is));
         let (Some(Moved { was, is, .. }), Some(now)) = (moved, self.outputs.get(output)) else {
+            if let Some(name) = former.becomes_whole(&self.outputs) {
+                let holds = holds.map_or(String::new(), |holds| format!("; it holds {holds} now"));
+                return Explained::new(
+                    format!(
+                        "output {output} was beside an operator's part in {place}; output {name} takes all of it{holds}"
+                    ),
+                    WHOLE,
+                );
+            }
             let held = held.unwrap_or_default();
             return Explained::new(
                 format!(
@@ -327,10 +340,7 @@ impl Places {
         });
         let holds = holds.map_or(String::new(), |holds| format!("; its register holds {holds} now"));
         let hint = match (place.share, now.share) {
-            (Owner::Ledger, Owner::Whole) => {
-                "arming makes all that the register holds the gateway's, also what the operator has there; to keep that, write \
-                 share = \"ledger\" again"
-            }
+            (Owner::Ledger, Owner::Whole) => WHOLE,
             _ => {
                 "compare both at the control, set what is not to stay to zero there, then arm the axis; or write the former \
                  place again"
@@ -424,8 +434,11 @@ impl Moves {
     }
 
     fn moved(&self, former: &Former, holds: Option<&str>) -> Option<Event> {
-        let output = former.output.clone();
-        self.places.outputs.get(&output)?;
+        let outputs = &self.places.outputs;
+        let output = match outputs.contains_key(&former.output) {
+            true => former.output.clone(),
+            false => former.becomes_whole(outputs)?.to_owned(),
+        };
         Some(Event::OutputMoved { output, why: self.places.explained(former, holds) })
     }
 

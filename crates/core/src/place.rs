@@ -327,7 +327,9 @@ impl Former {
             let former = Former::of(output, place, held_um);
             let is_in_doubt = match found.get(name) {
                 Some(Found::Moved(_)) => !back.contains(name) && known.is_in_doubt(profile.get(name)),
-                Some(Found::Removed) => known.was_driven && former.keeps_something(),
+                Some(Found::Removed) => {
+                    known.was_driven && former.keeps_something() || former.becomes_whole(profile).is_some()
+                }
                 _ => false,
             };
             let is_known = all.iter().any(|known| known.output == *name && known.place == former.place);
@@ -343,7 +345,8 @@ impl Former {
 
     /// Adds the axes whose new outputs could do again what the output did, if it is removed and its register keeps a value of ours.
     fn bar_new_outputs(&mut self, found: &BTreeMap<String, Found>, profile: &BTreeMap<String, OutputPlace>) {
-        if !profile.contains_key(&self.output) && self.keeps_something() {
+        let does_again = self.keeps_something() || self.becomes_whole(profile).is_some();
+        if !profile.contains_key(&self.output) && does_again {
             self.axes.extend(axes_with_new_outputs(&self.place, found, profile));
         }
     }
@@ -353,11 +356,18 @@ impl Former {
         is_something(self.held_um) && !self.place.is_corrected_position()
     }
 
+    /// Returns the output of the profile that takes the whole register, of which an operator has a part.
+    pub fn becomes_whole<'a>(&self, profile: &'a BTreeMap<String, OutputPlace>) -> Option<&'a str> {
+        let takes = |place: &OutputPlace| place.share == Owner::Whole && place.is_at(&self.place);
+        let mut outputs = profile.iter().filter(|_| self.place.share == Owner::Ledger);
+        outputs.find(|(_, place)| takes(place)).map(|(name, _)| name.as_str())
+    }
+
     /// Brings the axes up to this profile. Returns whether anything is left to confirm.
     fn is_open(&mut self, profile: &BTreeMap<String, OutputPlace>) -> bool {
         let Some(is) = profile.get(&self.output) else {
             self.axes.retain(|axis| profile.values().any(|place| place.axis == *axis));
-            return is_something(self.held_um);
+            return is_something(self.held_um) || self.becomes_whole(profile).is_some();
         };
         let Some(Moved { what, .. }) = Moved::between(&self.place, is) else { return false };
         let is_bridged = is.is_corrected_position() && what.is_bridged_by_steps();

@@ -23,7 +23,7 @@ pub(super) use watched::Watched;
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
     pub(super) settings: AxisSettings,
-    /// No model of it reads a signal.
+    /// It has models, and none of them reads a signal.
     pub(super) reads_nothing: bool,
     /// By model, by term.
     lags: Vec<Vec<Lag>>,
@@ -76,7 +76,8 @@ impl Axis {
         };
         let lags = settings.models.iter().map(|model| model.rises().map(|_| Lag::default()).collect());
         Axis {
-            reads_nothing: settings.models.iter().all(|model| model.signals().is_empty()),
+            reads_nothing: !settings.models.is_empty()
+                && settings.models.iter().all(|model| model.signals().is_empty()),
             lags: lags.collect(),
             watched: Watched::all(&settings.models),
             zeroing: Zeroing::new(settings.models.len()),
