@@ -247,10 +247,13 @@ impl Places {
         // A document of layout 5 has no places: it does not say what was written.
         let is_new_unwritten = is_first || !self.outputs.is_empty();
         let found = place::compare(&self.outputs, &now.outputs);
+        // An output in a register that keeps a value of ours counts as driven.
+        let keeps_ours =
+            |name: &String| self.former.iter().any(|former| now.outputs[name].is_at(&former.place));
         let is_only_read = |name: &String| match found.get(name) {
             Some(Found::Same | Found::Renamed(_)) => self.only_read.contains(name),
-            Some(Found::Moved(_)) => self.former.iter().all(|former| former.output != *name),
-            Some(Found::Unknown | Found::Removed) | None => is_new_unwritten,
+            Some(Found::Moved(_)) => !keeps_ours(name),
+            Some(Found::Unknown | Found::Removed) | None => is_new_unwritten && !keeps_ours(name),
         };
         let only_read = now.outputs.keys().filter(|name| is_only_read(name)).cloned().collect();
         let mut former = Former::after(self.former, left, &now.outputs);

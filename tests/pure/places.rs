@@ -1,4 +1,4 @@
-//! Every order of up to eight events around the places of outputs: the gateway starts with a changed profile, drives its outputs, and a
+//! Every order of up to seven events around the places of outputs: the gateway starts with a changed profile, drives its outputs, and a
 //! person arms an axis or sets a register to zero.
 //!
 //! - The same Cz is never in two registers, unless a person has confirmed the place of the output.
@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, HashSet};
 
 use isotherm_core::place::{Former, Found, KnownOutput, OutputPlace, Owner, compare};
 
-const DEPTH: usize = 8;
+const DEPTH: usize = 7;
 const CZ_UM: f64 = 20.0;
 const REGISTERS: usize = 2;
 
@@ -71,7 +71,7 @@ struct World {
     profile: Option<Output>,
     /// By register: value of ours that no person has left there, µm.
     ours: [f64; REGISTERS],
-    /// Registers with a part of an operator.
+    /// Registers with a part of an operator, as far as the state of the last run knows of it.
     operators: [bool; REGISTERS],
     /// State of the last run.
     places: BTreeMap<String, OutputPlace>,
@@ -101,7 +101,10 @@ impl World {
             Event::Armed(axis) => self.is_armed(axis),
             Event::Zeroed(register) => (self.ours[register], self.operators[register]) = (0.0, false),
             Event::Entered => {
-                if let Some((.., register, Owner::Ledger)) = self.profile {
+                // What is in a register whose place is in doubt is a person's to see.
+                if let Some((_, axis, register, Owner::Ledger)) = self.profile
+                    && !self.waits(axis)
+                {
                     self.operators[register] = true;
                 }
             }
@@ -129,12 +132,20 @@ impl World {
             (names.get(&name).cloned().unwrap_or(name), KnownOutput { place, held_um, was_driven })
         });
         let remembered: BTreeMap<String, KnownOutput> = remembered.collect();
-        self.was_driven = now.keys().any(|name| match found.get(name) {
+        self.was_driven = now.iter().any(|(name, is)| match found.get(name) {
             Some(Found::Same | Found::Renamed(_)) => self.was_driven,
-            Some(Found::Moved(_)) => open.iter().any(|former| former.output == *name),
-            Some(Found::Unknown | Found::Removed) | None => false,
+            _ => open.iter().any(|former| is.is_at(&former.place)),
         });
-        self.held = self.held.filter(|_| self.was_driven);
+        // The register is read right after the start.
+        let read = profile.map(|(_, _, register, _)| self.ours[register]);
+        self.held = read.filter(|_| self.was_driven);
+        let shared =
+            remembered.values().map(|known| &known.place).chain(open.iter().map(|former| &former.place));
+        let shared = shared.filter(|place| place.share == Owner::Ledger || self.without == Some(Rule::Owner));
+        let shared: HashSet<String> = shared.map(|place| place.address.clone()).collect();
+        for (register, is_operators) in self.operators.iter_mut().enumerate() {
+            *is_operators &= shared.contains(&address(register));
+        }
         self.former = Former::after(open, &remembered, &now);
         if self.without == Some(Rule::Waits) {
             self.former.iter_mut().for_each(|former| former.axes.clear());
@@ -142,10 +153,14 @@ impl World {
         (self.profile, self.places) = (profile, now);
     }
 
+    fn waits(&self, axis: &str) -> bool {
+        self.former.iter().any(|former| former.axes.contains(axis))
+    }
+
     /// The axis is armed by itself unless it waits for a person.
     fn drives(&mut self) -> Result<(), &'static str> {
         let Some((_, axis, register, owner)) = self.profile else { return Ok(()) };
-        if self.former.iter().any(|former| former.axes.contains(axis)) {
+        if self.waits(axis) {
             return Ok(());
         }
         if owner == Owner::Whole && self.operators[register] {
@@ -176,6 +191,9 @@ impl World {
             is_open
         });
         self.former = former;
+        // An output whose axis is armed may write at any moment.
+        self.was_driven = true;
+        self.held = present.map(|register| self.ours[register]);
     }
 
     fn is_right(&self) -> Result<(), &'static str> {

@@ -315,7 +315,7 @@ impl Former {
     ) -> Vec<Former> {
         let places = remembered.iter().map(|(name, known)| (name.clone(), known.place.clone())).collect();
         let found = compare(&places, profile);
-        // An output that is back at a place that it had before has written nothing at the one between them.
+        // What an output had at a place between is known already if it is back in that register.
         let is_back = |former: &&Former| {
             profile.get(&former.output).is_some_and(|is| Moved::between(&former.place, is).is_none())
         };
@@ -326,7 +326,12 @@ impl Former {
             let (output, KnownOutput { place, held_um, .. }) = (name.clone(), known.clone());
             let former = Former::of(output, place, held_um);
             let is_in_doubt = match found.get(name) {
-                Some(Found::Moved(_)) => !back.contains(name) && known.is_in_doubt(profile.get(name)),
+                Some(Found::Moved(_)) => {
+                    let is = profile.get(name);
+                    let is_elsewhere = is.is_some_and(|is| !is.is_at(&former.place));
+                    let leaves = known.was_driven && former.keeps_something() && is_elsewhere;
+                    (leaves || !back.contains(name)) && known.is_in_doubt(is)
+                }
                 Some(Found::Removed) => {
                     known.was_driven && former.keeps_something() || former.becomes_whole(profile).is_some()
                 }
@@ -397,7 +402,8 @@ fn axes_with_new_outputs(
     profile: &BTreeMap<String, OutputPlace>,
 ) -> BTreeSet<String> {
     let has_its_axis = profile.values().any(|place| place.axis == removed.axis);
-    let new = profile.iter().filter(|(name, _)| found.get(*name) == Some(&Found::Unknown));
+    let is_new = |name: &String| matches!(found.get(name), Some(Found::Unknown | Found::Moved(_)));
+    let new = profile.iter().filter(|(name, _)| is_new(name));
     let repeats = |place: &&OutputPlace| !has_its_axis || place.axis == removed.axis || place.is_at(removed);
     new.map(|(_, place)| place).filter(repeats).map(|place| place.axis.clone()).collect()
 }

@@ -346,3 +346,24 @@ fn a_release_ends_when_an_output_has_its_register_again() {
     let names: BTreeMap<String, String> = [(former.output, "feed_z".to_owned())].into();
     assert_eq!(places.renamed(&names).releases[0].output, "feed_z");
 }
+
+#[test]
+fn another_output_that_takes_all_of_a_shared_register_waits_for_a_person() {
+    let (mut before, _, place) = elsewhere();
+    before.outputs[place].share = Share::Ledger;
+    let mut after = before.clone();
+    (after.outputs[place].share, after.outputs[place].name) = (Share::Whole, "other".to_owned());
+    let places = Places::of(&before);
+    let only_read =
+        |place: &OutputPlace| KnownOutput { place: place.clone(), held_um: None, was_driven: false };
+    let left = places.outputs.iter().map(|(name, place)| (name.clone(), only_read(place))).collect();
+    let moves = Moves::new(places.after(&after, &left, false), &after);
+    let barred = moves.barred(&after);
+    assert_eq!(barred.iter().map(|(axis, _)| *axis).collect::<Vec<_>>(), [after.outputs[place].axis]);
+    let why = barred[0].1.to_string();
+    let words =
+        ["was beside an operator's part in", "output other takes all of it", "share = \"ledger\" again"];
+    assert!(words.iter().all(|word| why.contains(word)), "{why}");
+    let events = moves.events(&Releases::default(), &after);
+    assert_eq!(kinds(&events), ["output-moved"]);
+}
