@@ -27,8 +27,9 @@ const LATER: Duration = Duration::from_secs(5);
 const BACK_LATER: Duration = Duration::from_secs(10);
 /// A change that was decided before the check passed again leaves within a period of its axis.
 const DECIDED: Duration = Duration::from_secs(2);
-/// Counts between what a register held and what its axis had decided when the check was read: a step, and the deadband.
-const BAND: i64 = 11;
+/// Counts between what a register held and what its axis had decided when the check was read: a step, the deadband, and what is
+/// rounded.
+const BAND: i64 = 12;
 /// Counts that a register may move more than `rate` allows: one step that had been decided before.
 const DECIDED_BEFORE: f64 = 11.0;
 /// The gateway asks more often than this.
