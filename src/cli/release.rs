@@ -131,7 +131,7 @@ fn seen(left: &Value) -> f64 {
     left["found_um"].as_f64().or(left["held_um"].as_f64()).unwrap_or_default()
 }
 
-/// What is left in a register, and how it goes back.
+/// Describes what is left in a register, and how it goes back.
 fn way(left: &Value) -> String {
     let figure = |key: &str| left[key].as_f64();
     let micron = |key: &str| figure(key).map_or("an unknown part".to_owned(), |um| format!("{um:.1} µm"));

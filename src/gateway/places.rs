@@ -19,7 +19,7 @@ use isotherm_core::place::{
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{AxisId, DeviceId, Output, OutputId, Profile, Share, Signal, Writes};
 
-/// What arming does to a register that an operator writes to as well.
+/// Hint for an output that takes all of a register that an operator writes to as well.
 const WHOLE: &str = "arming makes all that the register holds the gateway's, also what the operator has there; to keep that, write \
                      share = \"ledger\" again";
 
@@ -43,7 +43,7 @@ pub(super) struct Places {
     /// By name of the output: within which bounds it is moved.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     bounds: BTreeMap<String, Bounds>,
-    /// What the ledger had of former places.
+    /// Ledger entries of former places.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(super) kept: Vec<Entry>,
     /// Registers that a person wants back at their base.
@@ -268,7 +268,7 @@ impl Places {
         Places { former, only_read, kept: self.kept, releases, namespaces, ..now }
     }
 
-    /// Keeps what the ledger has of former places. It is newer than what was kept of them before.
+    /// Keeps the ledger entries of former places. They replace the older ones of the same places.
     pub(super) fn keep(&mut self, entries: &Entries) {
         let Places { kept, former, releases, .. } = self;
         let places = || former.iter().map(|one| &one.place).chain(releases.iter().map(|one| &one.place));
@@ -279,7 +279,7 @@ impl Places {
         kept.extend(entries.values().filter(|entry| is_former(entry)).cloned());
     }
 
-    /// What the ledger had of a former place.
+    /// Returns the ledger entry of a former place.
     pub(super) fn kept_of(&self, place: &OutputPlace) -> Option<Kept> {
         self.kept.iter().find(|entry| entry.lies_at(place)).map(|entry| entry.kept)
     }

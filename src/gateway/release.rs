@@ -26,14 +26,14 @@ use super::arming::Attempt;
 use super::claims::same_lines;
 use super::store::Entry;
 
-/// What a person can do about a register that cannot be released.
+/// Remedy for a register that cannot be released.
 pub(super) const BY_HAND: &str =
     "set that register to zero at the control unless the operator needs the value, then arm the axis";
 /// Beginning of the name of an axis that takes a register back.
 pub(super) const AXIS: &str = "release_";
 /// Name of the only model of an axis that takes a register back.
 const MODEL: &str = "base";
-/// What no count of a floating-point register is smaller than, in steps.
+/// Smallest count of a floating-point register, in steps.
 const GRAIN_OF_A_STEP: f64 = 1e-3;
 
 /// Releases of a run.
@@ -203,7 +203,7 @@ fn unknown() -> Explained {
 /// Checks that a former place can be released.
 ///
 /// # Errors
-/// What keeps it from being released, with what a person can do.
+/// The reason why it cannot be released, and the remedy.
 fn why_not(profile: &Profile, former: &Former, kept: &[Entry]) -> Result<(), Explained> {
     let by_hand = |cause: String| Err(Explained::new(cause, BY_HAND));
     let Some(bounds) = &former.bounds else { return Err(unknown()) };

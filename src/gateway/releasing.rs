@@ -23,7 +23,7 @@ use isotherm_core::place::{Former, Owner, Release, Stage};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::regular::quoted;
 
-/// What was shown is shown with a tenth of a micrometre.
+/// Largest difference between the Cz that a person was shown and the present one. It is shown in tenths of a micrometre.
 const AS_SHOWN_UM: f64 = 0.05;
 
 /// Why the axis of a release is off that is over, and what becomes of it.
@@ -165,7 +165,7 @@ fn settle(core: &mut Core, one: &Returning) {
 /// Returns a sentence.
 ///
 /// # Errors
-/// There is no such register, it cannot be taken back, or it does not hold what the person has seen.
+/// The output has no such register, it cannot be taken back, or it does not hold what the person has seen.
 pub(super) fn ask(core: &mut Core, (output, seen): (&str, &[f64]), by: String) -> Result<String, Explained> {
     if core.given.dry_run {
         return Err("nothing is written in a dry run".into());

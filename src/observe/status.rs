@@ -260,7 +260,8 @@ impl Status {
 }
 
 impl AxisStatus {
-    /// It is to compensate: one without a model is not yet, nor is one that a person keeps off, nor one that takes a register back.
+    /// Returns whether the axis is to compensate. One without a model is not, nor one that a person keeps off or that takes a register
+    /// back.
     pub fn is_wanted(&self) -> bool {
         self.has_model && !self.left_off && !self.release
     }
@@ -358,7 +359,7 @@ pub struct AxisStatus {
     pub armed: bool,
     /// It is off because people want it so: one has switched it off, or is to arm it first.
     pub left_off: bool,
-    /// It compensates nothing, and takes a register that is no output's any more back to its base. No log has its columns.
+    /// The axis compensates nothing: it takes a register that is no output's any more back to its base. No log has its columns.
     pub release: bool,
     /// Its sign is being checked with a dial gauge.
     pub sign: Option<SignStatus>,

@@ -124,7 +124,7 @@ pub fn restart(path: &Path, within: Duration, show: impl FnMut(&str)) -> Result<
 /// does so after it was replaced as by [`restart`]. Its state then, as JSON.
 ///
 /// # Errors
-/// As [`restart`]; there is no such register, or it cannot be taken back.
+/// The restart fails, as by [`restart`]. There is no such register, or it cannot be taken back.
 pub fn release(
     path: &Path,
     (output, seen): (&str, &[f64]),

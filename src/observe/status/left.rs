@@ -48,6 +48,6 @@ pub enum LeftState {
     Left,
     /// A person has released it, and the gateway has not been restarted since.
     Asked,
-    /// It is on its way back.
+    /// The register is on its way back.
     Returning,
 }

@@ -23,7 +23,7 @@ pub(super) use watched::Watched;
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
     pub(super) settings: AxisSettings,
-    /// It has models, and none of them reads a signal.
+    /// The axis has models, and none of them reads a signal.
     pub(super) reads_nothing: bool,
     /// By model, by term.
     lags: Vec<Vec<Lag>>,
