@@ -143,7 +143,7 @@ impl<'a> Day<'a> {
             let line = LINES.iter().position(|name| *name == bus.name);
             line.into_iter().for_each(|line| world.lines[line].framing = Framing::Rtu);
         }
-        let next = script::next(&mut random, scene.beyond, Duration::ZERO);
+        let next = script::next(&mut random, scene.beyond, Happening::Look, Duration::ZERO);
         Day {
             scene,
             random,
@@ -310,7 +310,7 @@ impl<'a> Day<'a> {
             _ => script::befalls(&mut world, what, now),
         }
         drop(world);
-        self.next = script::next(&mut self.random, self.scene.beyond, now);
+        self.next = script::next(&mut self.random, self.scene.beyond, what, now);
         end
     }
 

@@ -42,6 +42,8 @@ pub(crate) struct Register {
     is_excused: bool,
     /// What was sent there lately.
     sent: Vec<(Duration, i64)>,
+    /// The last of them that was another value than the register was known to hold.
+    changed_to: Option<i64>,
     /// The temperature that its axis follows.
     channel: usize,
 }
@@ -93,6 +95,7 @@ impl Laws {
             is_news: true,
             is_excused: false,
             sent: Vec::new(),
+            changed_to: None,
             channel,
         };
         Laws {
@@ -252,6 +255,7 @@ impl Laws {
                 self.changes += 1;
                 let why = register.forbids(sent, rested_on, (&self.panel, index), wanted[index], now);
                 broken = why.filter(|_| !is_mistaken).or(broken);
+                register.changed_to = Some(sent);
             }
             register.sent.push((now, sent));
         }
@@ -393,8 +397,8 @@ impl Register {
             let since = since.unwrap_or_default();
             return Some(format!("R3: {name} is changed to {sent} on readings {age:?} old{since}"));
         }
-        // A control that refused it is sent the same again, while its axis keeps its value.
-        let is_repeated = self.sent.last().is_some_and(|(_, last)| *last == sent);
+        // A control that refused it is sent the same again, while its axis keeps its value. In between it may be sent what it holds.
+        let is_repeated = self.changed_to == Some(sent);
         let (shown, sent) = ours.filter(|_| !is_repeated)?;
         let off = |ours: i64| (ours as f64 - 10.0 * wanted).abs();
         let leads_away = off(sent) > off(shown) + AWAY;

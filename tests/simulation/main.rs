@@ -40,7 +40,8 @@ const DAY: Duration = Duration::from_secs(8 * 3600);
 /// - 1795833836: a set that the registers held by half was begun and given up in each turn, and with that the next attempt put off.
 /// - 1795872391: a module that refused everything for a while also refused its checks. That was taken for changed settings, and the
 ///   axes moved back to what they had held before, without readings.
-const MENDED: [u64; 6] = [22, 754, 914, 1_795_833_836, 1_795_872_391, 621_073_451_707];
+/// - 900004: a computer slept to the end of the storm, and the script began no calm after that. Somebody wrote to a register in it.
+const MENDED: [u64; 7] = [22, 754, 914, 900_004, 1_795_833_836, 1_795_872_391, 621_073_451_707];
 
 /// The same of changes at a panel:
 /// - 43: a control refused a change. The axis kept that value after the change at the panel was found, and the control was asked for it again.
@@ -48,7 +49,8 @@ const MENDED: [u64; 6] = [22, 754, 914, 1_795_833_836, 1_795_872_391, 621_073_45
 /// - 7024: a person armed an axis in the moment in which the check was read. It went back to a Cz from before it was off.
 /// - 7125: the machine was switched on in the first round of checks. Nothing went back, although no reference is captured then.
 /// - 7141: the module refused its checks before one brought another value. Nothing went back, because the module was in doubt already.
-const MENDED_AT_A_PANEL: [u64; 5] = [43, 59, 7024, 7125, 7141];
+/// - 1795898153: a control refused the way back, and was sent what it held in between. The law took the next attempt for a new change.
+const MENDED_AT_A_PANEL: [u64; 6] = [43, 59, 7024, 7125, 7141, 1_795_898_153];
 
 #[test]
 fn a_seed_repeats_its_day_bit_for_bit() {

@@ -46,8 +46,13 @@ pub(crate) enum Happening {
     Look,
 }
 
-/// The next happening after this moment, and what it is.
-pub(crate) fn next(random: &mut Pcg32, beyond: Beyond, now: Duration) -> (Duration, Happening) {
+/// The next happening after this moment and the last one, and what it is.
+pub(crate) fn next(
+    random: &mut Pcg32,
+    beyond: Beyond,
+    last: Happening,
+    now: Duration,
+) -> (Duration, Happening) {
     let round = ROUND * u32::try_from(now.as_secs() / ROUND.as_secs()).unwrap_or_default();
     let gap = exponential(random, 60.0);
     let at = now + gap;
@@ -58,7 +63,9 @@ pub(crate) fn next(random: &mut Pcg32, beyond: Beyond, now: Duration) -> (Durati
         return (round + STORM, Happening::Calm);
     }
     if now < round + LOOKED_AT {
-        return (round + LOOKED_AT, Happening::Look);
+        // A computer that slept to the end of the storm met its last fault there.
+        let is_calm = last == Happening::Calm;
+        return if is_calm { (round + LOOKED_AT, Happening::Look) } else { (now, Happening::Calm) };
     }
     (round + ROUND + gap, draw(random, beyond, STORM))
 }
