@@ -1,4 +1,4 @@
-//! Every order of up to seven events around the places of outputs: the gateway starts with a changed profile, drives its outputs, and a
+//! Every order of up to eight events around the places of outputs: the gateway starts with a changed profile, drives its outputs, and a
 //! person arms an axis or sets a register to zero.
 //!
 //! - The same Cz is never in two registers, unless a person has confirmed the place of the output.
@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, HashSet};
 
 use isotherm_core::place::{Former, Found, KnownOutput, OutputPlace, Owner, compare};
 
-const DEPTH: usize = 7;
+const DEPTH: usize = 8;
 const CZ_UM: f64 = 20.0;
 const REGISTERS: usize = 2;
 

@@ -266,11 +266,9 @@ pub struct KnownOutput {
 }
 
 impl KnownOutput {
-    /// Returns whether a person must see both places before this one is written: there may be a value of ours at the former one, or
-    /// what the operator has in it is to become ours.
-    fn is_in_doubt(&self, is: Option<&OutputPlace>) -> bool {
-        let becomes_ours = is.is_some_and(|is| (self.place.share, is.share) == (Owner::Ledger, Owner::Whole));
-        self.was_driven || becomes_ours
+    /// Returns whether what the operator has in it is to become ours.
+    fn becomes_ours(&self, is: Option<&OutputPlace>) -> bool {
+        is.is_some_and(|is| (self.place.share, is.share) == (Owner::Ledger, Owner::Whole))
     }
 }
 
@@ -329,8 +327,9 @@ impl Former {
                 Some(Found::Moved(_)) => {
                     let is = profile.get(name);
                     let is_elsewhere = is.is_some_and(|is| !is.is_at(&former.place));
-                    let leaves = known.was_driven && former.keeps_something() && is_elsewhere;
-                    (leaves || !back.contains(name)) && known.is_in_doubt(is)
+                    let leaves = former.keeps_something() && is_elsewhere;
+                    // A person must see both places: there may be a value of ours at the former one, or of the operator's.
+                    known.was_driven && (leaves || !back.contains(name)) || known.becomes_ours(is)
                 }
                 Some(Found::Removed) => {
                     known.was_driven && former.keeps_something() || former.becomes_whole(profile).is_some()
