@@ -11,6 +11,8 @@ use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options};
 use isotherm_core::quantity::Moment;
 
+use crate::support::starved::Starved;
+
 /// What the slow device takes for an answer.
 const SLOW: Duration = Duration::from_millis(100);
 /// Its requests in one round.
@@ -23,7 +25,7 @@ name = "fair"
 [bus.cell]
 type = "modbus-tcp"
 address = "ADDRESS"
-timeout = "240ms"
+timeout = "3s"
 [device.slow]
 bus = "cell"
 unit = 1
@@ -115,24 +117,37 @@ async fn a_readout_and_a_heartbeat_wait_for_one_request_of_a_slow_device_and_not
         .unwrap_or_else(|errors| panic!("{errors}"));
     let gateway = Gateway::new(loaded.profile, &clock, Options::default());
     let source = gateway.source();
-    let run_for = tokio::time::sleep(Duration::from_secs(6));
-    gateway.run(run_for, std::future::ready(())).await;
-    let seen = seen.lock().unwrap();
+    let starved = Starved::of(std::process::id());
+    let turns = || source.status().buses[0].jitter_ms.iter().map(|(_, count)| count).sum::<u64>();
     // The first write comes after the first round: before it nothing is known.
-    let worst = |register: u16| {
-        let at: Vec<Moment> =
-            seen.iter().filter(|entry| entry.0 >= 5 && entry.1 == register).map(|entry| entry.2).collect();
-        assert!(at.len() > 15, "register {register} was written {} times", at.len());
-        at.windows(2).map(|pair| pair[1].since(pair[0])).max().unwrap()
+    let written = |register: u16| -> Vec<Moment> {
+        let seen = seen.lock().unwrap();
+        seen.iter().filter(|entry| entry.0 >= 5 && entry.1 == register).map(|entry| entry.2).collect()
     };
-    let (readout, heartbeat) = (worst(10), worst(20));
-    println!("worst gap of the readout {readout:?}, of the heartbeat {heartbeat:?}");
-    // The period, the slow answer that was under way, and what a busy computer adds; a round takes a second.
+    let rounds = || seen.lock().unwrap().iter().filter(|entry| entry.0 < 5 && entry.1 == 90).count();
+    // On a busy computer that takes longer.
+    let enough = async {
+        tokio::time::sleep(Duration::from_secs(6)).await;
+        for _ in 0..1200 {
+            if written(10).len() > 15 && written(20).len() > 15 && rounds() >= 2 && turns() > 20 {
+                return;
+            }
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+    };
+    gateway.run(enough, std::future::ready(())).await;
+    // The period, the slow answer that was under way, and what a busy computer adds; a round takes a second. What gateway and device
+    // wait for a processor counts for neither.
     let busy = Duration::from_millis(200);
-    assert!(readout < Duration::from_millis(50) + SLOW + busy, "{readout:?}");
-    assert!(heartbeat < Duration::from_millis(250) + SLOW + busy, "{heartbeat:?}");
-    let rounds = seen.iter().filter(|entry| entry.0 < 5 && entry.1 == 90).count();
-    assert!(rounds >= 2, "the slow device is read as well: {rounds} rounds");
-    let late: u64 = source.status().buses[0].jitter_ms.iter().map(|(_, count)| count).sum();
-    assert!(late > 20, "each turn is counted");
+    for (name, register, every) in [("readout", 10, 50), ("heartbeat", 20, 250)] {
+        let at = written(register);
+        assert!(at.len() > 15, "register {register} was written {} times", at.len());
+        let gap =
+            |pair: &[Moment]| pair[1].since(pair[0]).saturating_sub(2 * starved.between(pair[0], pair[1]));
+        let worst = at.windows(2).map(gap).max().unwrap();
+        println!("worst gap of the {name}: {worst:?}");
+        assert!(worst < Duration::from_millis(every) + SLOW + busy, "{name}: {worst:?}");
+    }
+    assert!(rounds() >= 2, "the slow device is read as well: {} rounds", rounds());
+    assert!(turns() > 20, "each turn is counted");
 }

@@ -120,7 +120,9 @@ impl Foreign {
 fn profile(line: &str) -> String {
     let written = "type    = \"modbus-tcp\"\naddress = \"127.0.0.1:1\"              # the test says where its server listens";
     assert!(PROFILE.contains(written));
-    PROFILE.replace(written, line)
+    // Longer than a foreign server takes for an answer on a busy computer. A port is listened to for some timeouts before it is used.
+    let timeout = if line.contains("port = ") { "timeout = \"1s\"" } else { "timeout = \"3s\"" };
+    PROFILE.replace(written, line).replace("timeout = \"300ms\"", timeout)
 }
 
 /// Runs the gateway on a machine behind this server and looks into the server's registers.

@@ -23,7 +23,7 @@ name = "line"
 [bus.cell]
 type = "modbus-tcp"
 address = "ADDRESS"
-timeout = "20ms"
+timeout = "1s"
 [device.cnc]
 bus = "cell"
 unit = 1

@@ -39,6 +39,8 @@ const PROFILE: &str = include_str!("../interop/machine.toml");
 fn secured(address: &str, more: &str, ca: &str, ours: &Signed) -> Result<Profile, Errors> {
     let tls = format!("tls = {{ ca = \"ca.pem\", cert = \"gw.pem\", key = \"gw.key\"{more} }}");
     let text = PROFILE.replacen("address = \"127.0.0.1:1\"", &format!("address = \"{address}\"\n{tls}"), 1);
+    // Longer than a busy computer takes for a handshake.
+    let text = text.replace("timeout = \"300ms\"", "timeout = \"5s\"");
     let files =
         [("ca.pem", ca.as_bytes()), ("gw.pem", ours.cert.as_bytes()), ("gw.key", ours.key.as_bytes())];
     let profile = isotherm_profile::parse_with(Path::new("machine.toml"), &text, &files, &[], &[])?.profile;

@@ -13,8 +13,8 @@ use crate::support::process;
 use process::{Running, file, isotherm, nowhere};
 
 const MACHINE: &str = include_str!("../interop/machine.toml");
-/// Start and end take no longer.
-const SOON: Duration = Duration::from_secs(2);
+/// Limit for a start and an end. What waits for a pipe or reads a device without an end takes any time.
+const SOON: Duration = process::PATIENCE;
 const SECRET: &str = "root:$6$nobody$knows:20228:0:99999:7:::";
 
 /// What is said of it, and how it is laid there.

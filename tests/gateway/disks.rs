@@ -59,10 +59,28 @@ impl Home {
         entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
     }
 
+    fn logs(&self) -> Vec<String> {
+        self.names().into_iter().filter(|name| name.ends_with(".csv")).collect()
+    }
+
+    /// Waits until there are so many logs with rows in each.
+    #[track_caller]
+    fn has_rows_in(&self, logs: usize) {
+        until("there are rows in every log", || {
+            let has_rows = |name: &&String| {
+                let text = std::fs::read_to_string(self.state.join(name)).unwrap_or_default();
+                text.matches('\n').count() > 1
+            };
+            let names = self.logs();
+            let full = names.iter().filter(has_rows).count();
+            if names.len() == logs && full == logs { Ok(()) } else { Err(format!("{full} of {names:?}")) }
+        });
+    }
+
     /// Every log gives its decisions and its actions again.
     #[track_caller]
     fn replays(&self) -> usize {
-        let logs: Vec<String> = self.names().into_iter().filter(|name| name.ends_with(".csv")).collect();
+        let logs = self.logs();
         for name in &logs {
             let mut replay = isotherm(self.home.path());
             let replay = replay.arg("replay").arg(&self.profile).arg(self.state.join(name)).output().unwrap();
@@ -90,9 +108,9 @@ fn a_full_disk_is_reported_and_when_there_is_room_again_everything_goes_on_whole
     let mut program = Running::start(&mut home.run_after("trap '' XFSZ; ulimit -S -f 3"));
     program.hears("axis z: armed");
     program.hears("the log cannot be kept");
-    let before = home.names().len();
+    let before = home.logs().len();
     std::thread::sleep(std::time::Duration::from_secs(3));
-    assert_eq!(home.names().len(), before, "no file is begun again and again: {:?}", home.names());
+    assert_eq!(home.logs().len(), before, "no file is begun again and again: {:?}", home.names());
     let all = ["--fsize=unlimited:unlimited", "--pid"];
     assert!(Command::new("prlimit").args(all).arg(program.id().to_string()).status().unwrap().success());
     program.hears("the log is kept again");
@@ -110,9 +128,10 @@ fn cut_off_by_the_power_in_the_middle_of_a_row_each_log_is_read_and_gone_on_with
     let home = Home::new();
     let mut program = Running::start(&mut home.run());
     program.hears("axis z: armed");
+    home.has_rows_in(2);
     std::thread::sleep(std::time::Duration::from_secs(2));
     program.killed();
-    let logs: Vec<String> = home.names().into_iter().filter(|name| name.ends_with(".csv")).collect();
+    let logs = home.logs();
     assert_eq!(logs.len(), 2);
     for name in &logs {
         let path = home.state.join(name);
@@ -126,6 +145,7 @@ fn cut_off_by_the_power_in_the_middle_of_a_row_each_log_is_read_and_gone_on_with
     }
     let mut program = Running::start(&mut home.run());
     program.hears("axis z: armed");
+    home.has_rows_in(4);
     std::thread::sleep(std::time::Duration::from_secs(2));
     program.signal("TERM");
     assert!(program.ends_within(PATIENCE).success());

@@ -13,12 +13,16 @@ use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::Source;
 
 use crate::support::device;
+use crate::support::starved::Starved;
+use crate::support::tell;
 
 use device::{Device, STEP, State, Times};
 
 const SUSPENDED: Duration = Duration::from_secs(60);
-const PATIENCE: Duration = Duration::from_secs(20);
+const PATIENCE: Duration = Duration::from_secs(60);
 const MAX_AGE: Duration = Duration::from_secs(1);
+/// What a thread waits at most for a processor where the age of a reading says something.
+const KEPT_WAITING: Duration = Duration::from_millis(100);
 const TIMES: Times =
     Times { timeout: Duration::from_millis(200), every: Duration::from_millis(500), max_age: MAX_AGE };
 
@@ -28,6 +32,7 @@ struct Computer {
     source: Arc<dyn Source>,
     /// How long it was suspended, ms.
     slept: Arc<AtomicU64>,
+    starved: Starved,
 }
 
 impl Computer {
@@ -46,7 +51,8 @@ impl Computer {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {
             let gateway = Gateway::new(profile, &clock, Options::default());
-            let computer = Computer { device, source: gateway.source(), slept };
+            let starved = Starved::of(std::process::id());
+            let computer = Computer { device, source: gateway.source(), slept, starved };
             let done = tokio::task::spawn_blocking(move || script(&computer));
             let (sender, receiver) = tokio::sync::oneshot::channel();
             let stop = async move { drop(sender.send(done.await)) };
@@ -75,11 +81,17 @@ impl Computer {
         self.arrives(standing + 3 * STEP);
         self.arrives(standing);
         let wrong = device::acted_wrongly(&self.device.state().seen, MAX_AGE);
-        assert!(wrong.is_empty(), "{wrong:#?}");
+        // A gateway that waits for a processor may do so between its last look at the clock and the write.
+        let is_old = |text: &String| text.contains("rests on a reading");
+        let is_void = self.starved.longest() >= KEPT_WAITING && wrong.iter().all(is_old);
+        assert!(is_void || wrong.is_empty(), "{wrong:#?}");
+        if !wrong.is_empty() {
+            tell(&format!("a suspended computer: void, it was too busy: {wrong:?}"));
+        }
         let status = self.source.status();
-        assert_eq!(status.event_counts.get("stood-still"), Some(&1), "{:?}", status.event_counts);
-        let reported = status.events.iter().find(|event| event.text.contains("stood still for 6"));
-        assert!(reported.is_some(), "{:?}", status.events);
+        // A busy computer stands still as well, for seconds.
+        let reported = status.events.iter().filter(|event| event.text.contains("stood still for 6"));
+        assert_eq!(reported.count(), 1, "{:?}", status.events);
     }
 }
 

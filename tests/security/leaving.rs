@@ -16,7 +16,7 @@ use crate::site::{BOTH, OPERATOR, Site, VIEWER, bearer};
 /// A name that is looked up, or a host that does not answer, is waited for longer than this.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
 /// Before it connects a socket stands in no table, and after it was reset.
-const STANDS_NOWHERE: usize = 100;
+const STANDS_NOWHERE: usize = 200;
 /// Both ends of the pair by which a signal comes to the loop.
 const OF_SIGNALS: usize = 2;
 
@@ -131,7 +131,9 @@ impl Watch {
         let until = Arc::clone(&ends);
         let thread = std::thread::spawn(move || {
             let (mut watched, mut nowhere) = (Watched::default(), BTreeMap::<u64, usize>::new());
-            while !until.load(Ordering::Relaxed) {
+            loop {
+                // What is there when it is asked is seen.
+                let is_last = until.load(Ordering::Relaxed);
                 let found = sockets(process);
                 let unnamed = found.values().filter(|socket| **socket == Socket::Unix(String::new())).count();
                 if unnamed > OF_SIGNALS {
@@ -151,9 +153,11 @@ impl Watch {
                     watched.seen.insert(socket);
                 }
                 watched.looks += 1;
+                if is_last {
+                    return watched;
+                }
                 std::thread::sleep(LOOKS_EVERY);
             }
-            watched
         });
         Watch { ends, thread }
     }

@@ -8,12 +8,12 @@ use std::time::Duration;
 
 use crate::device::{Device, Times, profile};
 use crate::on_time::OnTime;
-use crate::process::{Running, file, isotherm};
+use crate::process::{PATIENCE, Running, file, isotherm};
 
 /// How often the device is polled.
 pub(crate) const EVERY: Duration = Duration::from_millis(200);
 /// The device is in this process: where that is late, it is no device that does not answer, which is asked less and less.
-const TIMES: Times = Times { timeout: Duration::from_secs(1), every: EVERY, max_age: Duration::from_secs(5) };
+const TIMES: Times = Times { timeout: Duration::from_secs(5), every: EVERY, max_age: Duration::from_secs(5) };
 
 pub(crate) struct Machine {
     pub(crate) home: tempfile::TempDir,
@@ -75,7 +75,7 @@ impl Machine {
     /// The axis holds the machine.
     pub(crate) fn is_held(&self) {
         self.device.asks(2000);
-        let moves = self.device.wait(Duration::from_secs(30), |state| (state.writes() > 0).then_some(()));
+        let moves = self.device.wait(PATIENCE, |state| (state.writes() > 0).then_some(()));
         moves.expect("the axis does not move");
     }
 
@@ -83,15 +83,15 @@ impl Machine {
     pub(crate) fn comes_back(&self) -> Duration {
         let up = self.device.now();
         self.device.is_down(false);
-        let polled = self.device.wait(Duration::from_secs(35), |state| {
-            state.seen.last().filter(|seen| seen.at >= up).map(|seen| seen.at)
-        });
+        let polled = self
+            .device
+            .wait(2 * PATIENCE, |state| state.seen.last().filter(|seen| seen.at >= up).map(|seen| seen.at));
         polled.expect("the device is not polled again").since(up)
     }
 
     /// From now on it is held on time, as long as what is returned lives.
     pub(crate) fn on_time(&self) -> OnTime {
-        OnTime::from_now(&self.device, EVERY)
+        OnTime::from_now(&self.device, EVERY, self.gateway.id())
     }
 }
 

@@ -13,8 +13,9 @@ use crate::device::{Device, Times, profile};
 use crate::on_time::OnTime;
 use crate::process::{Running, file, isotherm, until};
 
+/// The device is in this process: see `rig`.
 const TIMES: Times = Times {
-    timeout: Duration::from_millis(500),
+    timeout: Duration::from_secs(5),
     every: Duration::from_millis(500),
     max_age: Duration::from_secs(5),
 };
@@ -96,7 +97,7 @@ impl Site {
         let page = gateway.hears("page http://");
         let port = page.rsplit(':').next().unwrap();
         let address = SocketAddr::from(([127, 0, 0, 1], port.parse().unwrap()));
-        let on_time = OnTime::from_now(&device, TIMES.every);
+        let on_time = OnTime::from_now(&device, TIMES.every, gateway.id());
         Site { on_time: Some(on_time), home, device, profile, gateway, address }
     }
 

@@ -77,13 +77,22 @@ fn state_kept(machine: &Machine) -> String {
     std::fs::read_to_string(machine.home.path().join("walker.state.json")).unwrap_or_default()
 }
 
+/// How long a verb takes on this computer while nobody attacks.
+fn a_verb_takes(machine: &Machine) -> Duration {
+    let begun = machine.device.now();
+    let status = machine.verb("status").output().unwrap();
+    assert!(status.status.success(), "{}", String::from_utf8_lossy(&status.stderr));
+    machine.device.now().since(begun)
+}
+
 const HEARTBEAT: &str = "[heartbeat]\ndevice = \"cnc\"\nregister = \"holding:20\"\nevery = \"200ms\"\n";
 
-/// Of five heartbeats a second two come at least.
+/// Of five heartbeats a second two come at least, while the computer itself is not late.
 fn beats(machine: &Machine, from: Moment) {
     let now = machine.device.now();
+    let excused = 2 * on_time::excused(from, now);
     let came = machine.device.state().beats.iter().filter(|beat| **beat >= from).count();
-    let least = (now.since(from).as_secs_f64() * 2.0).floor();
+    let least = (now.since(from).saturating_sub(excused).as_secs_f64() * 2.0).floor();
     assert!(came as f64 >= least, "{came} heartbeats within {:?}", now.since(from));
 }
 
@@ -92,6 +101,7 @@ fn two_thousand_silent_sockets_take_nothing_from_lines_commands_and_files() {
     let mut machine = Machine::start(Some(64), &["--listen", "127.0.0.1:0"], HEARTBEAT);
     let page = machine.page();
     machine.is_held();
+    let usual = a_verb_takes(&machine);
     let on_time = machine.on_time();
     let attack = Silent::attack(page, 2000);
     until("the page is full", || match ask(page, &get(page, "/healthz")) {
@@ -116,8 +126,8 @@ fn two_thousand_silent_sockets_take_nothing_from_lines_commands_and_files() {
     let (disarmed, excused) = (answered.since(asked), on_time::excused(asked, answered));
     assert!(disarm.status.success(), "{}", String::from_utf8_lossy(&disarm.stderr));
     assert!(
-        disarmed < Duration::from_secs(1) + excused,
-        "disarm took {disarmed:?}, the computer {excused:?}"
+        disarmed < Duration::from_secs(1) + excused + 4 * usual,
+        "disarm took {disarmed:?}, the computer {excused:?}, a verb usually {usual:?}"
     );
     until("the log goes on", || {
         let now = kept(&machine, ".csv");
@@ -171,6 +181,7 @@ fn disarm_is_carried_out_within_a_second_beside_six_hundred_silent_commands() {
     let mut machine = Machine::start(Some(64), &["--listen", "127.0.0.1:0"], "");
     let page = machine.page();
     machine.is_held();
+    let usual = a_verb_takes(&machine);
     let socket = machine.home.path().join("walker.sock");
     let on_time = machine.on_time();
     let ends = Arc::new(AtomicBool::new(false));
@@ -191,5 +202,8 @@ fn disarm_is_carried_out_within_a_second_beside_six_hundred_silent_commands() {
     ends.store(true, Ordering::Relaxed);
     let opened = silent.join().unwrap();
     println!("{opened} silent connections; disarm took {took:?}, the computer {excused:?}");
-    assert!(took < Duration::from_secs(1) + excused, "disarm took {took:?}, the computer {excused:?}");
+    assert!(
+        took < Duration::from_secs(1) + excused + 4 * usual,
+        "disarm took {took:?}, the computer {excused:?}, a verb usually {usual:?}"
+    );
 }

@@ -51,7 +51,7 @@ fn whoever_asks_over_http_or_the_socket_forges_no_line_of_the_log_nor_of_the_eve
         Running::start(isotherm(home.path()).arg("run").arg(&profile).arg("--state").arg(&state));
     let page = gateway.hears("page http://").split_once("http://").unwrap().1.to_owned();
     gateway.hears("the gateway runs");
-    let _on_time = OnTime::from_now(&device, EVERY);
+    let _on_time = OnTime::from_now(&device, EVERY, gateway.id());
 
     let forged = FORGED.replace(' ', "%20");
     let mut answers = String::new();

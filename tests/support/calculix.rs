@@ -1,8 +1,9 @@
 //! CalculiX as tests ask it: by the figures that it once gave, kept beside this file, and the program itself where it is there. Debian
 //! does not have it in every release. `ccx` in this folder says how the figures are written anew.
 
-use std::io::Write;
 use std::process::Command;
+
+use crate::support::tell;
 
 /// It prints seven digits.
 pub(crate) const AGREED: f64 = 1e-6;
@@ -49,13 +50,4 @@ pub(crate) fn relative(own: &[f64], other: &[f64]) -> f64 {
     let square = |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>();
     let apart = square(&mut own.iter().zip(other).map(|(own, other)| own - other));
     (apart / square(&mut own.iter().copied())).sqrt()
-}
-
-/// `tests/run` puts what stands in the file `TEST_TELLS` into its summary: what a test prints is lost where it passes.
-fn tell(line: &str) {
-    println!("{line}");
-    if let Some(path) = std::env::var_os("TEST_TELLS") {
-        let mut file = std::fs::OpenOptions::new().create(true).append(true).open(path).unwrap();
-        writeln!(file, "{line}").unwrap();
-    }
 }

@@ -8,4 +8,16 @@ pub(crate) mod device;
 pub(crate) mod encode;
 pub(crate) mod fake;
 pub(crate) mod process;
+pub(crate) mod starved;
 pub(crate) mod tree;
+
+use std::io::Write;
+
+/// Prints a line, and has `tests/run` put it into its summary: what a test prints is lost where it passes.
+pub(crate) fn tell(line: &str) {
+    println!("{line}");
+    if let Some(path) = std::env::var_os("TEST_TELLS") {
+        let mut file = std::fs::OpenOptions::new().create(true).append(true).open(path).unwrap();
+        writeln!(file, "{line}").unwrap();
+    }
+}

@@ -6,7 +6,6 @@ use std::io::{Read, Write};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::time::Duration;
 
 use serde_json::Value;
 
@@ -108,7 +107,7 @@ fn a_scan_that_is_stopped_says_how_far_it_came_and_what_it_found() {
     let mut scan = Running::start(&mut scan);
     scan.hears("unit 4 answers");
     scan.signal("INT");
-    assert_eq!(scan.ends_within(Duration::from_secs(5)).code(), Some(1), "{}", scan.said.join("\n"));
+    assert_eq!(scan.ends_within(PATIENCE).code(), Some(1), "{}", scan.said.join("\n"));
     let said = scan.said.join("\n");
     assert!(said.contains("stopped after 4 of 247 questions"), "{said}");
     assert!(said.contains("[device.unit4]"), "{said}");

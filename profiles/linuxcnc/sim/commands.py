@@ -12,7 +12,7 @@ from simulation import Failed, reap
 
 AXES = 3
 # Seconds until a state of LinuxCNC is reached; on a busy computer it takes several.
-PATIENCE = 20
+PATIENCE = 60
 COMMANDS = {}
 
 
@@ -223,7 +223,7 @@ class Mill:
         return tidy(self.samples.name)
 
     def empty(self):
-        end = time.monotonic() + 10
+        end = time.monotonic() + PATIENCE
         while hal.get_value("sampler.0.curr-depth") and time.monotonic() < end:
             time.sleep(0.01)
 
@@ -261,7 +261,7 @@ class Mill:
         if process is None:
             raise Failed("the component does not run")
         os.kill(process, kind)
-        end = time.monotonic() + 10
+        end = time.monotonic() + PATIENCE
         while ends and self.simulation.component() is not None:
             reap()
             if time.monotonic() > end:

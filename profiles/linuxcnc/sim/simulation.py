@@ -17,6 +17,8 @@ HERE = os.path.dirname(os.path.realpath(__file__))
 COMPONENT = "isotherm-eoffset"
 HAL_KEY = 0x48414C32
 ANOTHER_UID = 65534
+# Seconds until a part of LinuxCNC is up; on a busy computer it takes several.
+PATIENCE = 60
 
 PR_SET_CHILD_SUBREAPER = 36
 
@@ -75,7 +77,7 @@ class Simulation:
     def _start(self):
         # It makes the buffers of NML, and goes into the background by itself.
         subprocess.run(["linuxcncsvr", "-ini", self.ini], cwd=self.directory, env=self.environment, check=True,
-                       stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log, timeout=20)
+                       stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log, timeout=PATIENCE)
         self.hal("loadusr", "-Wn", "iocontrol", "io", "-ini", self.ini)
         self.hal("loadusr", "-Wn", "halui", "halui", "-ini", self.ini)
         with open(self.ini, encoding="utf-8") as file:
@@ -87,7 +89,7 @@ class Simulation:
         # halcmd waits until the task is up, and the task until HAL runs.
         waiting = self.process("halcmd", "loadusr", "-Wn", "inihal", "milltask", "-ini", self.ini)
         self.hal("start")
-        if waiting.wait(20) != 0:
+        if waiting.wait(PATIENCE) != 0:
             raise Failed("milltask did not start: " + self.last_words())
 
     def process(self, *command):
@@ -100,7 +102,7 @@ class Simulation:
         # Into a file: programs that halcmd loads keep its output open, and the end of a pipe would never come.
         with tempfile.TemporaryFile("w+") as said:
             done = subprocess.run(["halcmd", *command], cwd=self.directory, env=self.environment, check=False,
-                                  stdin=subprocess.DEVNULL, stdout=said, stderr=self.log, timeout=30)
+                                  stdin=subprocess.DEVNULL, stdout=said, stderr=self.log, timeout=PATIENCE)
             said.seek(0)
             text = said.read()
         if done.returncode != 0:
@@ -125,7 +127,7 @@ class Simulation:
 
     def load_component(self):
         self.hal("-i", self.ini, "-f", "isotherm.hal")
-        end = time.monotonic() + 10
+        end = time.monotonic() + PATIENCE
         while self.component(("ready",)) is None:
             if time.monotonic() > end:
                 raise Failed("the component did not start: " + self.last_words())

@@ -65,6 +65,11 @@ impl Server {
         self.line()
     }
 
+    /// Number of its process.
+    pub(crate) fn id(&self) -> u32 {
+        self.child.id()
+    }
+
     /// Waits until it has ended by itself.
     pub(crate) fn ends(&mut self) {
         self.child.wait().unwrap();
@@ -179,7 +184,8 @@ impl Witness for Exchanges {
 }
 
 impl Line {
-    pub(crate) fn new(profile: Profile) -> Line {
+    pub(crate) fn new(mut profile: Profile) -> Line {
+        profile.buses[0].timeout = ANSWERS_WITHIN;
         let bus = &profile.buses[0];
         let devices: Vec<_> = profile.devices.iter().map(|device| (DeviceId(0), device)).collect();
         let exchanges = Arc::new(Exchanges::default());
@@ -243,3 +249,5 @@ pub(crate) fn no_session(why: OpcUaFault) -> Fault {
 }
 
 pub(crate) const SHORTLY: Duration = Duration::from_millis(300);
+/// What a line waits for an answer: longer than the server takes on a busy computer.
+pub(crate) const ANSWERS_WITHIN: Duration = Duration::from_secs(5);

@@ -19,7 +19,7 @@ type Signals = [Result<f64, Reason>; 2];
 /// Asks once a period until this is so.
 async fn until(line: &mut Line, what: &str, wanted: Signals) {
     let mut found = Err(Fault::Timeout);
-    for _ in 0..300 {
+    for _ in 0..900 {
         found = line.signals().await;
         if found == Ok(wanted) {
             return;
@@ -31,7 +31,7 @@ async fn until(line: &mut Line, what: &str, wanted: Signals) {
 
 /// Until nothing is read any more for a value.
 async fn until_sent(line: &mut Line, server: &mut Server) {
-    for _ in 0..300 {
+    for _ in 0..900 {
         let before = server.does("reads");
         assert!(line.signals().await.is_ok());
         tokio::time::sleep(EVERY).await;
@@ -85,7 +85,7 @@ async fn a_value_is_as_old_as_the_request_that_brought_it_and_older_by_its_stamp
         tokio::time::sleep(EVERY).await;
     }
     server.does("stamp bed -3600");
-    for _ in 0..100 {
+    for _ in 0..600 {
         tokio::time::sleep(EVERY).await;
         let answered = line.asks(Request::from(&requests[0].asks)).await.unwrap();
         if matches!(answered.answer.stamped(&requests[0].fields[0]), Stamped::Ago(age) if age.as_secs() >= 3599)
@@ -141,7 +141,7 @@ async fn silence_is_a_fault_in_words_and_the_nodes_are_read_before_they_are_sent
     server.does("silent on");
     server.does("value bed 31");
     let mut fault = None;
-    for _ in 0..300 {
+    for _ in 0..900 {
         fault = line.signals().await.err();
         if fault.is_some() {
             break;

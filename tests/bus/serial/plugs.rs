@@ -16,6 +16,8 @@ use crate::serial::port::{Exchanges, Plug, answer, asked, bus, line, read, seria
 /// A port is first listened to for a few of these. A busy computer may be late for an answer once: see [`until_good`].
 const TIMEOUT: Duration = Duration::from_millis(400);
 const UNIT: DeviceId = DeviceId(0);
+/// Shortest first pause of a port that could not be opened.
+const PAUSE: Duration = Duration::from_millis(750);
 
 fn good() -> Result<Answer, Fault> {
     Ok(Answer::Registers(vec![word(1, 7)]))
@@ -82,10 +84,14 @@ async fn an_adapter_that_is_unplugged_and_comes_back_under_its_name_is_found_aga
     let _ = speaks.await;
     std::fs::remove_file(&name).unwrap();
     drop(first);
+    let failed = Instant::now();
     let gone = asked(&mut line, UNIT, read(7, 1)).await;
     assert_eq!(gone, Err(Fault::Link(LinkFault::Absent)), "at once, by its name");
     assert!(exchanges.said().contains(&None), "each device on it may be another one when it is back");
-    assert_eq!(asked(&mut line, UNIT, read(7, 1)).await, Err(Fault::Link(LinkFault::Down)));
+    let again = asked(&mut line, UNIT, read(7, 1)).await;
+    // A busy computer comes back to it when the pause is over.
+    let is_over = failed.elapsed() >= PAUSE && again == Err(Fault::Link(LinkFault::Absent));
+    assert!(is_over || again == Err(Fault::Link(LinkFault::Down)), "{again:?}");
     tokio::time::sleep(Duration::from_millis(300)).await;
 
     let second = Arc::new(Plug::new());
@@ -211,7 +217,9 @@ async fn a_port_is_one_program_s_alone_and_free_again_when_that_has_ended() {
     assert_eq!(asked(&mut second, UNIT, read(7, 1)).await, Err(Fault::Link(LinkFault::Busy)));
     drop(first);
     let (_, faults) = until_good(&mut second).await;
-    assert_eq!(faults, [Fault::Link(LinkFault::Down)]);
+    // The pause is over where a busy computer comes back to it late, and may lose an answer.
+    let may = [Fault::Link(LinkFault::Down), Fault::Timeout];
+    assert!(faults.iter().all(|fault| may.contains(fault)), "{faults:?}");
     speaks.abort();
 }
 

@@ -123,7 +123,7 @@ impl Peer {
             tokio::time::sleep(Duration::from_millis(1)).await;
         }
         if self.is_asked() {
-            self.lane.voids();
+            self.lane.spoils();
         }
         self.lane.leaves_open(false);
         said

@@ -22,6 +22,9 @@ pub(crate) const TIMEOUT: Duration = Duration::from_millis(50);
 const LINES: u32 = 8;
 /// Attempts on each line.
 const TRIES: u32 = 3;
+/// Attempts on each line that a busy computer may spoil, and that are made again. What it spoils after that counts as made, and the
+/// summary says of how many nothing is known.
+const SPOILED: u32 = 2 * TRIES;
 /// So many cases run beside one another: more would keep good answers from being in time.
 const AT_A_TIME: usize = 21;
 /// No case is added while threads run later than this, for the same reason.
@@ -69,6 +72,8 @@ pub(crate) struct Lane {
     turns: AtomicU32,
     /// Right answers until what is shown is again of its device's making only.
     void: AtomicU32,
+    /// Attempts that were none.
+    spoiled: AtomicU32,
     /// Whether the last attempt was one is not known yet.
     is_unsettled: AtomicBool,
     /// What its device has not said yet.
@@ -80,6 +85,8 @@ struct Verdict {
     name: String,
     kind: Kind,
     tried: u32,
+    /// Of which nothing can be said.
+    spoiled: u32,
     believed: u32,
     wrong: Vec<String>,
 }
@@ -105,6 +112,14 @@ impl Lane {
         self.void.store(3, Ordering::SeqCst);
         self.is_open.store(false, Ordering::SeqCst);
         let _ = self.tried.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |tried| tried.checked_sub(1));
+    }
+
+    /// The same of an attempt that the busy computer has spoiled. Beyond [`SPOILED`] of them it counts as made.
+    pub(crate) fn spoils(&self) {
+        self.voids();
+        if self.spoiled.fetch_add(1, Ordering::SeqCst) >= SPOILED {
+            self.tried.fetch_add(1, Ordering::SeqCst);
+        }
     }
 
     pub(crate) fn is_void(&self) -> bool {
@@ -211,9 +226,14 @@ pub(crate) fn none_is_believed(cases: Vec<Case>) {
         }
     });
     let verdicts: Vec<Verdict> = verdicts.into_inner().unwrap();
-    for Verdict { name, kind, tried, believed, wrong } in &verdicts {
+    for Verdict { name, kind, tried, spoiled, believed, wrong } in &verdicts {
         let wrong = wrong.join("; ");
         println!("{kind:?}, {name}: {believed} of {tried} believed {wrong}");
+        if *spoiled > 0 {
+            crate::support::tell(&format!(
+                "{kind:?}, {name}: {spoiled} of {tried} attempts are void: the computer was too busy"
+            ));
+        }
     }
     println!("{} cases in {:.1} s", verdicts.len(), begun.elapsed().as_secs_f64());
     let failed = verdicts
@@ -276,6 +296,7 @@ impl Case {
             behaves: AtomicBool::new(false),
             turns: AtomicU32::new(0),
             void: AtomicU32::new(0),
+            spoiled: AtomicU32::new(0),
             is_unsettled: AtomicBool::new(false),
             owed: Mutex::default(),
             wrong: wrong.clone(),
@@ -287,9 +308,11 @@ impl Case {
         drop(end);
         server.join().unwrap();
         let tried = lanes.iter().map(|lane| lane.tried.load(Ordering::SeqCst)).sum();
+        let beyond = |lane: &Arc<Lane>| lane.spoiled.load(Ordering::SeqCst).saturating_sub(SPOILED);
+        let spoiled = lanes.iter().map(beyond).sum();
         let believed = lanes.iter().map(|lane| lane.believed()).sum();
         let wrong = wrong.lock().unwrap().clone();
-        Verdict { name: self.name, kind: self.kind, tried, believed, wrong }
+        Verdict { name: self.name, kind: self.kind, tried, spoiled, believed, wrong }
     }
 
     fn profile(&self, addresses: &[String]) -> isotherm_profile::Profile {

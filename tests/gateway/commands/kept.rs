@@ -58,7 +58,7 @@ fn a_line_that_somebody_changed_is_reported_and_the_gateway_goes_on_behind_half_
         count => Err(count.to_string()),
     });
     bench.gateway.signal("KILL");
-    bench.gateway.ends_within(std::time::Duration::from_secs(10));
+    bench.gateway.ends_within(crate::commands::process::PATIENCE);
     let state = bench.home.path().join("state");
     let is_of_events = |path: &std::path::Path| path.to_string_lossy().ends_with(".events.jsonl");
     let files = std::fs::read_dir(&state).unwrap().map(|entry| entry.unwrap().path());

@@ -17,11 +17,7 @@ fn a_person_sees_what_arming_waits_for_takes_it_back_and_reads_what_happened_bef
     let seen = Command::new("python3")
         .arg(look)
         .arg(format!("http://{}/", bench.page))
-        .args([
-            "writes nothing yet: bed has an open circuit",
-            "over the socket; given up in 1 min",
-            "stopped; ",
-        ])
+        .args(["writes nothing yet: bed has an open circuit", "over the socket; given up in ", "stopped; "])
         .args([
             "click:Show the last 24 hours",
             "stopped; ",

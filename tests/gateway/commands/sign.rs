@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::commands::bench::Bench;
 use crate::commands::process::{Running, until};
 
-const SOON: Duration = Duration::from_secs(20);
+const SOON: Duration = Duration::from_secs(60);
 /// Time a person needs to walk to the gauge, read it and return to the keyboard.
 const AT_HUMAN_SPEED: Duration = Duration::from_secs(10);
 
@@ -108,13 +108,18 @@ fn a_wrong_sign_is_said_with_what_to_do_and_a_program_may_check_too() {
     let (code, said) = bench.ask(&["sign", "--axis", "z", "--answer", "minus"]);
     assert!(code == 1 && said.contains("the sign is WRONG") && said.contains("`scale`"), "{said}");
     assert!(bench.reported("sign-checked")[0].contains("WRONG"));
-    stands_at(&bench, 0);
-    until("the axis stands still", || match bench.http("POST", "/api/sign", "") {
-        (202, _) => Ok(()),
-        (code, said) => Err(format!("{code} {said}")),
+    // On a busy computer it may be there before the answer comes. Then it is tried again.
+    let is_early = (0..20).any(|_| {
+        stands_at(&bench, 0);
+        until("the axis stands still", || match bench.http("POST", "/api/sign", "") {
+            (202, _) => Ok(()),
+            (code, said) => Err(format!("{code} {said}")),
+        });
+        let (code, said) = bench.http("POST", "/api/sign-plus", "");
+        assert!(code == 200 || code == 409 && said.contains("not there yet"), "{said}");
+        code == 409
     });
-    let (code, said) = bench.http("POST", "/api/sign-plus", "");
-    assert!(code == 409 && said.contains("not there yet"), "{said}");
+    assert!(is_early, "it was always there already");
     let (code, said) = bench.http("POST", "/api/sign", "");
     assert!(code == 409 && said.contains("being checked already"), "{said}");
     stands_at(&bench, 50);

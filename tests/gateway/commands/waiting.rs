@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::commands::bench::{Bench, OPEN_CIRCUIT};
 use crate::commands::process::{Running, isotherm, until};
 
-const SOON: Duration = Duration::from_secs(20);
+const SOON: Duration = Duration::from_secs(60);
 
 #[test]
 fn who_arms_with_a_broken_sensor_hears_what_is_waited_for_until_the_axis_is_armed() {

@@ -31,7 +31,7 @@ fn a_write_that_is_held_and_comes_late_moves_the_register_by_a_step_at_most_and_
     let kinds = ["", "refresh = \"1s\"\n", LEDGER, SET];
     all_at_once(kinds.into_iter().map(|more| {
         move || {
-            let (control, status) = held("4s", Duration::from_millis(2500), more);
+            let (control, status) = held("12s", Duration::from_millis(2500), more);
             nobody_is_blamed(&control, &status, more);
         }
     }));

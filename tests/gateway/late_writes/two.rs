@@ -7,6 +7,7 @@ use std::time::Duration;
 use crate::late_writes::control::{Control, Fate};
 use crate::late_writes::rig::{LEDGER, Program, profile_of};
 use crate::support::process::PATIENCE;
+use crate::support::tell;
 
 const REASON: &str = "a second gateway";
 
@@ -71,14 +72,29 @@ fn of_two_gateways_at_one_whole_register_the_one_that_finds_the_others_step_goes
     let mut first = Program::start(&text);
     let seen = control.clone();
     first.waits_until("it has arrived", move || seen.lock().unwrap().offset() == 300);
-    let second = Program::start(&elsewhere(&text));
+    let mut second = Program::start(&elsewhere(&text));
+    second.running.hears("axis z: armed");
     std::thread::sleep(Duration::from_secs(3));
-    let goes_on = |control: &crate::late_writes::control::Shared| control.lock().unwrap().words[0] = 520;
-    goes_on(&control);
-    let seen = control.clone();
-    first.waits_until("one of both follows", move || seen.lock().unwrap().offset() == 320);
-    let said = [first, second].map(Program::ends);
-    let off: Vec<_> = said.iter().filter(|lines| lines.iter().any(|line| line.contains(REASON))).collect();
-    assert_eq!(off.len(), 1, "{said:#?}");
+    let mut both = [first, second];
+    // On a busy computer one of them may have made all steps before the other looks. Then there are more steps.
+    for (asked, stands) in [(520, 320), (500, 300)].into_iter().cycle().take(20) {
+        control.lock().unwrap().words[0] = asked;
+        let seen = control.clone();
+        both[0].waits_until("one of both follows", move || seen.lock().unwrap().offset() == stands);
+        if both.iter_mut().any(is_off) {
+            break;
+        }
+    }
+    let said = both.map(Program::ends);
+    let who_said = |words: &str| {
+        let has_said = |lines: &&Vec<String>| lines.iter().any(|line| line.contains(words));
+        said.iter().filter(has_said).count()
+    };
+    // Whoever finds several steps at once goes off, too, and does not know whose they are.
+    if who_said(REASON) == 0 && who_said("somebody else wrote") > 0 {
+        tell("two gateways at one register: void, one of them stood still while the other made its steps");
+    } else {
+        assert_eq!(who_said(REASON), 1, "{said:#?}");
+    }
     control.lock().unwrap().never_jumped();
 }

@@ -15,7 +15,7 @@ fn temperature(tenths: i16) -> u16 {
     tenths.cast_unsigned()
 }
 
-/// The first axis is at 1 µm, the other one on its way, and a write of both is held for seven seconds of eight. Meanwhile 28 µm are
+/// The first axis is at 1 µm, the other one on its way, and a write of both is held for seven seconds of twenty. Meanwhile 28 µm are
 /// requested of the first one, and then -36.
 #[test]
 fn a_request_that_turns_round_while_its_set_waits_is_never_followed_the_old_way() {
@@ -25,7 +25,7 @@ fn a_request_that_turns_round_while_its_set_waits_is_never_followed_the_old_way(
         (temperature(210), temperature(450));
     let set = SET.replace("[axis.y]", COLUMN);
     let set = set.replace("signal = \"bed\", gain = -1.0", "signal = \"column\", gain = -1.0");
-    let text = profile_of(&control, "8s", &set);
+    let text = profile_of(&control, "20s", &set);
     let seen = control.clone();
     let status = beside(&text, move |source| {
         wait_until(source, "a write is held", |_| seen.lock().unwrap().held.is_some());

@@ -36,7 +36,7 @@ impl SlowDisk {
         };
         let before = count(&self.device.state());
         let is_more = |now: [usize; 2]| now.iter().zip(before).all(|(now, before)| *now >= before + 3);
-        let waited = self.device.wait(Duration::from_secs(4), |state| is_more(count(state)).then_some(()));
+        let waited = self.device.wait(Duration::from_secs(20), |state| is_more(count(state)).then_some(()));
         let counted = if waited.is_some() { &self.taken } else { &self.alone };
         counted.fetch_add(1, Ordering::Relaxed);
     }

@@ -5,12 +5,16 @@ use std::time::Duration;
 use super::broker::Broker;
 use super::machine::Machine;
 use super::process::until;
+use crate::support::tell;
 
 /// How long it is away; `tests/run long` has it away for a minute.
 pub(crate) fn away() -> Duration {
     let seconds = std::env::var("TEST_BROKER_AWAY_SECONDS").ok().and_then(|text| text.parse().ok());
     Duration::from_secs(seconds.unwrap_or(5))
 }
+
+/// Where more of the polls are late without publishing, the computer is too busy to compare.
+const BUSY: f64 = 0.05;
 
 /// What may wait: a state, the events beside it, and what is kept for later.
 const MOST_QUEUED: u64 = 3000;
@@ -29,6 +33,9 @@ fn as_punctual(published: &Machine, plain: &Machine) {
     assert!(all > 20 && plain_all > 20);
     let share = |late: u64, all: u64| late as f64 / all as f64;
     let (here, there) = (share(late, all), share(plain_late, plain_all));
+    if there > BUSY {
+        return tell(&format!("while publishing {here} of the polls are late: void, {there} without it"));
+    }
     assert!(here < 2.0 * there + 0.02, "{here} of the polls are late, and {there} without publishing");
 }
 

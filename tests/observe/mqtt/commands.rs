@@ -61,8 +61,8 @@ fn publishes_twice(broker: &Broker, topic: &str, payload: &str) {
     for kind in [0x32, 0x3a] {
         stream.write_all(&packet(kind, &publish)).unwrap();
         stream.read_exact(&mut [0; 4]).unwrap();
-        // The gateway takes one a second.
-        std::thread::sleep(Duration::from_millis(1200));
+        // The gateway takes one a second, and on a busy computer seconds later.
+        std::thread::sleep(Duration::from_secs(4));
     }
 }
 
@@ -104,7 +104,7 @@ fn a_measured_error_that_the_broker_delivers_twice_counts_once_after_a_kill_too(
     );
     assert_ne!(once["correction_um"], learned);
     // What was learned is kept at once: so is what it was learned from.
-    std::thread::sleep(Duration::from_secs(3));
+    std::thread::sleep(Duration::from_secs(10));
     machine = machine.dies_and_begins();
     machine.is_active();
     let count =

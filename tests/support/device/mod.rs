@@ -234,7 +234,8 @@ impl Device {
     }
 
     fn answer(&self, question: &Question, stream: &mut TcpStream) -> Result<()> {
-        let at = self.now();
+        // A write has arrived before a busy computer let this thread take it.
+        let at = if question.is_read() { self.now() } else { self.now().before(question.waited) };
         let hangs_up = {
             let mut state = self.state();
             std::mem::take(&mut state.hangs_up) || state.is_down

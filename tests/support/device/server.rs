@@ -2,8 +2,11 @@
 
 use std::io::{Error, ErrorKind, Read, Result};
 use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::time::Duration;
 
 use isotherm_core::codec::checksum;
+
+use crate::support::starved;
 
 /// What was asked, and on which connection: they are numbered as they were accepted.
 #[derive(Clone, Debug)]
@@ -13,6 +16,8 @@ pub(crate) struct Question {
     pub(crate) pdu: Vec<u8>,
     /// Of Modbus TCP; nothing of RTU.
     transaction: Option<[u8; 2]>,
+    /// How long this thread waited for a processor before it took it.
+    pub(crate) waited: Duration,
 }
 
 impl Question {
@@ -88,7 +93,8 @@ impl Question {
         let frame: Vec<u8> = bytes.drain(..length).collect();
         let check = u16::from_le_bytes([frame[length - 2], frame[length - 1]]);
         assert_eq!(check, checksum(&frame[..length - 2]), "{frame:?}");
-        Some(Question { connection, unit: frame[0], pdu: frame[1..length - 2].to_vec(), transaction: None })
+        let pdu = frame[1..length - 2].to_vec();
+        Some(Question { connection, unit: frame[0], pdu, transaction: None, waited: Duration::ZERO })
     }
 }
 
@@ -136,12 +142,14 @@ fn converse(
     stream.set_nodelay(true)?;
     begins(connection)?;
     loop {
+        let before = starved::this_thread();
         let mut header = [0; 7];
         stream.read_exact(&mut header)?;
         let length = usize::from(u16::from_be_bytes([header[4], header[5]]));
         let mut pdu = vec![0; length - 1];
         stream.read_exact(&mut pdu)?;
         let transaction = Some([header[0], header[1]]);
-        answer(&Question { connection, unit: header[6], pdu, transaction }, &mut stream)?;
+        let waited = starved::this_thread().saturating_sub(before);
+        answer(&Question { connection, unit: header[6], pdu, transaction, waited }, &mut stream)?;
     }
 }

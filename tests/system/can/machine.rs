@@ -246,8 +246,8 @@ async fn heard(socket: &Socket) -> Heard {
             }
         }
     };
-    let heard = tokio::time::timeout(Duration::from_secs(15), heard).await;
-    heard.unwrap_or_else(|_| panic!("nothing was heard for 15 s"))
+    let heard = tokio::time::timeout(Duration::from_secs(60), heard).await;
+    heard.unwrap_or_else(|_| panic!("nothing was heard for 60 s"))
 }
 
 async fn tell(socket: &Socket, id: u16, bytes: [u8; 8]) {

@@ -13,7 +13,7 @@ use crate::can::interface;
 use crate::can::rig::{Interface, beside, hear, load, signal, wait_until};
 
 /// How long anything may take before a test gives up.
-const PATIENCE: Duration = Duration::from_secs(20);
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Runs a program of can-utils to its end.
 fn can_utils(program: &str, arguments: &[&str]) {
@@ -32,7 +32,7 @@ impl Candump {
     /// Starts it, and returns when it hears.
     fn start(interface: &str, options: &[&str]) -> Candump {
         let mut command = Command::new("candump");
-        command.args(["-T", "20000"]).args(options).arg(interface).stdout(Stdio::piped());
+        command.args(["-T", "60000"]).args(options).arg(interface).stdout(Stdio::piped());
         let mut child = command.spawn().unwrap_or_else(|error| panic!("candump: {error}"));
         let lines = BufReader::new(child.stdout.take().unwrap());
         let mut candump = Candump { child, lines };
@@ -40,7 +40,7 @@ impl Candump {
         let ready = AtomicBool::new(false);
         std::thread::scope(|scope| {
             scope.spawn(|| {
-                for _ in 0..500 {
+                for _ in 0..3000 {
                     if ready.load(Ordering::Relaxed) {
                         break;
                     }
@@ -60,7 +60,7 @@ impl Candump {
     fn line(&mut self) -> String {
         let mut line = String::new();
         self.lines.read_line(&mut line).unwrap();
-        assert!(!line.is_empty(), "candump has heard nothing for 20 s");
+        assert!(!line.is_empty(), "candump has heard nothing for 60 s");
         line.trim_end().to_owned()
     }
 }
@@ -86,7 +86,7 @@ fn open(wanted: &[CanMatch]) -> Socket {
 async fn heard(socket: &Socket) -> Frame {
     match tokio::time::timeout(PATIENCE, hear(socket))
         .await
-        .unwrap_or_else(|_| panic!("no frame for 20 s"))
+        .unwrap_or_else(|_| panic!("no frame for 60 s"))
         .unwrap()
     {
         Heard::Frame(frame) => frame,

@@ -19,11 +19,11 @@ arm = "auto"
 [bus.sensors]
 type = "modbus-tcp"
 address = "SENSORS"
-timeout = "90ms"
+timeout = "1s"
 [bus.control]
 type = "modbus-tcp"
 address = "CONTROL"
-timeout = "90ms"
+timeout = "1s"
 late = "2s"
 [device.thermometer]
 bus = "sensors"
@@ -53,7 +53,7 @@ step = 1.0
 rate = 10.0
 deadband = 0.0
 every = "100ms"
-on_fault = { action = "ramp", after = "2s" }
+on_fault = { action = "ramp", after = "8s" }
 [[axis.z.model]]
 name = "bed"
 kind = "linear"

@@ -5,6 +5,7 @@ use std::process::Command;
 
 use crate::linuxcnc::process::{PATIENCE, Running, free_port};
 use crate::linuxcnc::samples::Samples;
+use crate::support::starved::Starved;
 
 /// What the sampler records, in its order.
 const COLUMNS: [&str; 6] = [
@@ -22,13 +23,16 @@ pub(crate) struct Mill {
     pub(crate) port: u16,
     directory: tempfile::TempDir,
     recordings: usize,
+    /// What the servo thread waits for a processor while it is recorded.
+    starved: Vec<Starved>,
 }
 
 impl Mill {
     /// On, homed, in teleop mode, at X0 Y0 Z0.
     pub(crate) fn start() -> Mill {
         let port = free_port();
-        Mill { running: runs(port), port, directory: tempfile::tempdir().unwrap(), recordings: 0 }
+        let directory = tempfile::tempdir().unwrap();
+        Mill { running: runs(port), port, directory, recordings: 0, starved: Vec::new() }
     }
 
     /// LinuxCNC is ended and started again.
@@ -69,6 +73,7 @@ impl Mill {
     /// Records every servo period from now on.
     pub(crate) fn records(&mut self) {
         self.recordings += 1;
+        self.starved = realtime().map(Starved::of).collect();
         let file = self.recording();
         self.command(&format!("sample start {}", file.display()));
     }
@@ -82,8 +87,20 @@ impl Mill {
     pub(crate) fn recorded(&mut self) -> Samples {
         self.command("sample stop");
         let text = std::fs::read_to_string(self.recording()).unwrap();
-        Samples::parse(&text, &COLUMNS)
+        let waited = self.starved.iter().map(Starved::longest).max().unwrap_or_default();
+        let Samples(samples, _) = Samples::parse(&text, &COLUMNS);
+        Samples(samples, waited)
     }
+}
+
+/// The processes that run the servo thread.
+fn realtime() -> impl Iterator<Item = u32> {
+    let processes = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+    let numbers = processes.filter_map(|process| process.file_name().to_str()?.parse::<u32>().ok());
+    numbers.filter(|number| {
+        let name = std::fs::read_to_string(format!("/proc/{number}/comm"));
+        name.is_ok_and(|name| name.starts_with("rtapi_app"))
+    })
 }
 
 fn runs(port: u16) -> Running {

@@ -14,7 +14,7 @@ const COMPLEMENT: usize = 10;
 /// Sends these bytes of a request, and gives those of its answer.
 fn ask(port: u16, pdu: &[u8]) -> Vec<u8> {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
-    stream.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
     let length = u16::try_from(pdu.len() + 1).unwrap().to_be_bytes();
     stream.write_all(&[&[0, 7, 0, 0][..], &length, &[1], pdu].concat()).unwrap();
     let mut header = [0; 7];

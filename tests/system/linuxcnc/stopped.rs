@@ -53,8 +53,16 @@ fn a_machine_that_is_not_homed_waits() {
     bench.arrives_at(8.0);
     bench.mill.command("unhome");
     bench.wants(14.0);
+    until("the gateway has read that it waits", || {
+        let status = bench.status()?;
+        let mut signals = status["signals"].as_array().into_iter().flatten();
+        match signals.find(|signal| signal["name"] == "taking") {
+            Some(taking) if taking["value"] == 0.0 => Ok(()),
+            other => Err(format!("{other:?}")),
+        }
+    });
     // What was on its way when it was told.
-    std::thread::sleep(Duration::from_millis(300));
+    std::thread::sleep(Duration::from_secs(3));
     bench.mill.records();
     std::thread::sleep(Duration::from_millis(1500));
     let samples = bench.mill.recorded();

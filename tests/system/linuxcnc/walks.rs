@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use crate::linuxcnc::bench::Bench;
 use crate::linuxcnc::modbus;
+use crate::linuxcnc::process::until;
 
 #[test]
 fn on_every_plateau_joint_page_and_register_agree_to_a_nanometre() {
@@ -16,13 +17,20 @@ fn on_every_plateau_joint_page_and_register_agree_to_a_nanometre() {
         let walk = bench.mill.recorded();
         walk.never_jump();
         walk.joint_never_jumps();
-        bench.mill.records();
-        std::thread::sleep(Duration::from_millis(300));
-        bench.mill.recorded().stand_at(um);
-        let status = bench.status().unwrap();
-        let shown = status["axes"][0]["verified_um"].as_f64().unwrap();
+        // On a busy computer there are few servo periods in that time.
+        let mut stands = (0..100).map(|_| {
+            bench.mill.records();
+            std::thread::sleep(Duration::from_millis(300));
+            bench.mill.recorded()
+        });
+        stands.find(|samples| samples.0.len() > 50).unwrap().stand_at(um);
         let offset = bench.mill.offset_um();
-        assert!((shown - offset).abs() < 1e-3, "the page says {shown} µm where {offset} µm are applied");
+        until("the page says what is applied", || {
+            let status = bench.status()?;
+            let shown = status["axes"][0]["verified_um"].as_f64().unwrap_or(f64::NAN);
+            let is_so = (shown - offset).abs() < 1e-3;
+            if is_so { Ok(()) } else { Err(format!("{shown} µm where {offset} µm are applied")) }
+        });
     }
     bench.blames_nobody();
 }

@@ -118,7 +118,7 @@ impl Lane {
 
     /// Cuts the way while a write is being made ready; the last that passed before it.
     fn cut_before_a_write(&self) -> Seen {
-        for _ in 0..20 {
+        for _ in 0..100 {
             let about = |state: &State| state.is_about_to_write().then_some(state.seen.len());
             let seen = self.device.wait(PATIENCE, about);
             let seen = seen.unwrap_or_else(|| panic!("{}: nothing is about to be written", self.name));
