@@ -266,9 +266,9 @@ pub struct KnownOutput {
 }
 
 impl KnownOutput {
-    /// Returns whether what the operator has in it is to become ours.
-    fn becomes_ours(&self, is: Option<&OutputPlace>) -> bool {
-        is.is_some_and(|is| (self.place.share, is.share) == (Owner::Ledger, Owner::Whole))
+    /// Returns whether the output was shared with an operator, and is to be ours.
+    fn becomes_ours(&self, is: &OutputPlace) -> bool {
+        (self.place.share, is.share) == (Owner::Ledger, Owner::Whole)
     }
 }
 
@@ -313,7 +313,7 @@ impl Former {
     ) -> Vec<Former> {
         let places = remembered.iter().map(|(name, known)| (name.clone(), known.place.clone())).collect();
         let found = compare(&places, profile);
-        // What an output had at a place between is known already if it is back in that register.
+        // What an output had at a place between is known already if it is back in that register, except for an operator's part of it.
         let is_back = |former: &&Former| {
             profile.get(&former.output).is_some_and(|is| Moved::between(&former.place, is).is_none())
         };
@@ -324,13 +324,13 @@ impl Former {
             let (output, KnownOutput { place, held_um, .. }) = (name.clone(), known.clone());
             let former = Former::of(output, place, held_um);
             let is_in_doubt = match found.get(name) {
-                Some(Found::Moved(_)) => {
-                    let is = profile.get(name);
-                    let is_elsewhere = is.is_some_and(|is| !is.is_at(&former.place));
-                    let leaves = former.keeps_something() && is_elsewhere;
-                    // A person must see both places: there may be a value of ours at the former one, or of the operator's.
-                    known.was_driven && (leaves || !back.contains(name)) || known.becomes_ours(is)
-                }
+                Some(Found::Moved(_)) => profile.get(name).is_some_and(|is| {
+                    let is_back = back.contains(name);
+                    let leaves = former.keeps_something() && !is.is_at(&former.place);
+                    // There may be a value of ours at the former place, or of the operator at this one. A person must see it.
+                    known.was_driven && (leaves || !is_back)
+                        || known.becomes_ours(is) && (is.is_at(&former.place) || !is_back)
+                }),
                 Some(Found::Removed) => {
                     known.was_driven && former.keeps_something() || former.becomes_whole(profile).is_some()
                 }

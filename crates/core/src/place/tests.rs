@@ -321,3 +321,18 @@ fn a_former_place_of_an_earlier_version_is_read_and_has_no_bounds() {
     assert!(!text.contains("bounds") && !text.contains("found"), "{text}");
     assert_eq!(serde_json::from_str::<Former>(&text).unwrap(), former);
 }
+
+#[test]
+fn a_register_that_an_operator_may_have_used_in_between_waits_for_a_person() {
+    let shared = OutputPlace { share: Owner::Ledger, ..output() };
+    let elsewhere = OutputPlace { address: "holding:200 (40201)".to_owned(), ..shared.clone() };
+    for (between, waits) in [(shared, true), (elsewhere, false)] {
+        let driven = known(&[("cnc_z", &output(), Some(10.0))]);
+        let open = Former::after(Vec::new(), &driven, &named(&[("cnc_z", &between)]));
+        assert!(open.iter().any(|former| former.axes.contains("z")), "{between}");
+        let idle = KnownOutput { place: between.clone(), held_um: None, was_driven: false };
+        let back = BTreeMap::from([("cnc_z".to_owned(), idle)]);
+        let open = Former::after(open, &back, &named(&[("cnc_z", &output())]));
+        assert_eq!(open.iter().any(|former| former.axes.contains("z")), waits, "{between}: {open:?}");
+    }
+}
