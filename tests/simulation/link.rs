@@ -551,6 +551,7 @@ impl World {
         let is_set_otherwise = self.machine.has_other_settings(coming.seen_at);
         let asked_at = coming.asked_at.min(coming.seen_at);
         let laws = &mut self.machine.laws;
+        let _ = (line == SENSORS).then(|| laws.panel.answers());
         match line {
             // A reading of another module is none.
             SENSORS if function == 4 && !is_of_other => {

@@ -50,7 +50,8 @@ const MENDED: [u64; 7] = [22, 754, 914, 900_004, 1_795_833_836, 1_795_872_391, 6
 /// - 7125: the machine was switched on in the first round of checks. Nothing went back, although no reference is captured then.
 /// - 7141: the module refused its checks before one brought another value. Nothing went back, because the module was in doubt already.
 /// - 1795898153: a control refused the way back, and was sent what it held in between. The law took the next attempt for a new change.
-const MENDED_AT_A_PANEL: [u64; 6] = [43, 59, 7024, 7125, 7141, 1_795_898_153];
+/// - 400067: the module was silent for two poll periods before its check was read. The law did not count that as lost contact.
+const MENDED_AT_A_PANEL: [u64; 7] = [43, 59, 7024, 7125, 7141, 400_067, 1_795_898_153];
 
 #[test]
 fn a_seed_repeats_its_day_bit_for_bit() {

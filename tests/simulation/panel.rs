@@ -3,7 +3,8 @@
 //! - Values in other settings move a register for no longer than it takes to read the check once more, and no faster than `rate`.
 //! - From the answer on by which the check finds the change, a register moves only towards what it held when the check passed last.
 //!   It stops within [`BAND`] of that.
-//! - It is back there as soon as `rate` allows, and [`BACK_LATER`].
+//! - It is back there as soon as `rate` allows, and [`BACK_LATER`]. After silence it may stay where it is: the gateway cannot know whether
+//!   the module is the one whose check passed.
 //! - When the check has passed again, only right values move it.
 //!
 //! What the check says is known from its answers on the line. What a register held is known from the machine. Time counts only
@@ -32,6 +33,8 @@ const DECIDED: Duration = Duration::from_secs(2);
 const BAND: i64 = 12;
 /// Counts that a register may move more than `rate` allows: one step that had been decided before.
 const DECIDED_BEFORE: f64 = 11.0;
+/// So many questions to the module without a value are two poll periods of silence, which break contact with it.
+const SILENCE: u32 = 2;
 /// The gateway asks more often than this.
 const PAUSE: Duration = Duration::from_secs(2);
 
@@ -55,6 +58,8 @@ pub(crate) struct Panel {
     passed_at: Option<Duration>,
     /// Contact with the module has lasted since its check passed last.
     has_contact: bool,
+    /// Questions to the module in a row without a value.
+    unanswered: u32,
     ways: [Way; REGISTERS],
     /// Registers that had left what they held, and went back.
     pub(crate) went_back: u64,
@@ -100,6 +105,17 @@ impl Panel {
     /// A question leaves on a line, on which nothing fails if it is fair.
     pub(crate) fn asks(&mut self, line: usize, now: Duration, is_fair: bool) {
         self.fair[line].asks(now, is_fair);
+        if line == SENSORS {
+            if self.unanswered >= SILENCE {
+                self.breaks();
+            }
+            self.unanswered += 1;
+        }
+    }
+
+    /// The module has answered with a value.
+    pub(crate) fn answers(&mut self) {
+        self.unanswered = 0;
     }
 
     /// The settings are changed now, while the registers hold these counts.
