@@ -17,7 +17,7 @@ use tokio::time::timeout;
 use fake::{Door, Reply, VIEWER, status};
 
 const SECOND: Duration = Duration::from_secs(1);
-/// Of whoever waits for nobody, on a busy computer. A peer that says nothing is waited for ten seconds.
+/// Time that a stop takes on a busy computer if it waits for no peer. A silent peer would take ten seconds.
 const SOON: Duration = Duration::from_secs(6);
 const OPERATOR: &str = "commands; \"and more\"";
 const BEARER: &str = "Bearer commands; \"and more\"";

@@ -159,7 +159,7 @@ fn servers_that_hang_drip_flood_and_break_off_hold_up_no_poll_and_a_stop_for_two
     machine.gateway.signal("TERM");
     assert!(machine.gateway.ends_within(Duration::from_secs(60)).success());
     let took = Passing::default().passed() - asked;
-    // Whoever waited for a server that says nothing would wait for twenty.
+    // A stop that waits for the silent server would take twenty.
     assert!(took < Duration::from_secs(18), "{took:?}");
     let said = machine.gateway.said.join("\n");
     for place in 0..6 {

@@ -13,7 +13,7 @@ use std::time::Duration;
 use isotherm::clock::Clock;
 use isotherm_core::quantity::Moment;
 
-/// How often it looks. A wait is counted when it is over.
+/// Pause between two looks at the account. A wait is counted when it is over.
 const EVERY: Duration = Duration::from_millis(50);
 
 /// The waits of one process, until this is dropped.
@@ -22,14 +22,14 @@ pub(crate) struct Starved {
     ends: Arc<AtomicBool>,
 }
 
-/// What was seen so far.
+/// Waits that were seen so far.
 struct Seen {
     process: u32,
     clock: Clock,
     last: Moment,
-    /// What each thread has waited since it began.
+    /// Time that each thread has waited since it began.
     before: BTreeMap<PathBuf, Duration>,
-    /// From when, until when, and how long the thread waited that waited longest meanwhile.
+    /// By look: its beginning, its end, and the longest wait of one thread in between.
     waits: Vec<(Moment, Moment, Duration)>,
 }
 
@@ -58,7 +58,7 @@ impl Starved {
         seen.waits.iter().map(|(.., wait)| *wait).max().unwrap_or_default()
     }
 
-    /// All waits between two moments: of the thread that waited longest within each look.
+    /// Sum of the waits between two moments: of the thread that waited longest within each look.
     pub(crate) fn between(&self, from: Moment, to: Moment) -> Duration {
         let mut seen = self.seen.lock().unwrap();
         seen.look();
@@ -88,14 +88,14 @@ impl Seen {
     }
 }
 
-/// What a thread has waited for a processor since it began; nothing where the kernel does not say.
+/// Time that a thread has waited for a processor since it began. Zero if the kernel does not say it.
 fn waited(task: &Path) -> Duration {
     let account = std::fs::read_to_string(task.join("schedstat")).unwrap_or_default();
     let nanos = account.split_whitespace().nth(1).and_then(|nanos| nanos.parse().ok());
     Duration::from_nanos(nanos.unwrap_or_default())
 }
 
-/// The same of the thread that asks.
+/// Time that the calling thread has waited for a processor since it began.
 pub(crate) fn this_thread() -> Duration {
     waited(Path::new("/proc/thread-self"))
 }

@@ -105,7 +105,7 @@ fn a_reply_that_was_there_before_its_question_is_no_reading() {
 ///
 /// On a serial line it is never silent for long enough to be asked. Where it is asked all the same, the computer was too
 /// busy to say something every 5 ms, and what it said then has become an answer, which nobody can tell: it is a good
-/// device until it is believed, and begins anew, as often as `Lane::spoils` allows.
+/// device until it is believed, and then the attempt is repeated, as often as `Lane::spoils` allows.
 fn pushes(kind: Kind, answers: bool) -> Life {
     life(move |mut peer: Peer| async move {
         let (mut next, mut pushed) = (0, 0);

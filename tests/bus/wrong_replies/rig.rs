@@ -72,7 +72,7 @@ pub(crate) struct Lane {
     turns: AtomicU32,
     /// Right answers until what is shown is again of its device's making only.
     void: AtomicU32,
-    /// Attempts that were none.
+    /// Attempts that the busy computer has spoiled.
     spoiled: AtomicU32,
     /// Whether the last attempt was one is not known yet.
     is_unsettled: AtomicBool,
@@ -85,7 +85,7 @@ struct Verdict {
     name: String,
     kind: Kind,
     tried: u32,
-    /// Of which nothing can be said.
+    /// Attempts among them that the busy computer has spoiled: nothing is known of them.
     spoiled: u32,
     believed: u32,
     wrong: Vec<String>,
@@ -114,7 +114,7 @@ impl Lane {
         let _ = self.tried.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |tried| tried.checked_sub(1));
     }
 
-    /// The same of an attempt that the busy computer has spoiled. Beyond [`SPOILED`] of them it counts as made.
+    /// The busy computer has spoiled the last attempt: it is repeated. Beyond [`SPOILED`] of them it counts as made.
     pub(crate) fn spoils(&self) {
         self.voids();
         if self.spoiled.fetch_add(1, Ordering::SeqCst) >= SPOILED {

@@ -90,7 +90,7 @@ fn of_two_gateways_at_one_whole_register_the_one_that_finds_the_others_step_goes
         let has_said = |lines: &&Vec<String>| lines.iter().any(|line| line.contains(words));
         said.iter().filter(has_said).count()
     };
-    // Whoever finds several steps at once goes off, too, and does not know whose they are.
+    // A gateway that finds several steps at once goes off, too, but does not name another gateway.
     if who_said(REASON) == 0 && who_said("somebody else wrote") > 0 {
         tell("two gateways at one register: void, one of them stood still while the other made its steps");
     } else {
