@@ -15,7 +15,7 @@ use crate::device::gateway::beside;
 use crate::device::{Device, Seen, State, Times, What, profile};
 use crate::process::PATIENCE;
 use crate::rig::Machine;
-use crate::support::starved::Starved;
+use crate::support::starved::{Starved, worked};
 use crate::support::tell;
 
 /// Polls stay within this of their time, whoever attacks.
@@ -200,14 +200,6 @@ impl Work {
         ];
         3 * all.saturating_sub(idle + own) > all
     }
-}
-
-/// The process group of a process, and what it has worked, with the children that it has waited for.
-fn worked(stat: &str) -> Option<(u64, u64)> {
-    // "1234 (name) S parent group …": the name may hold anything, a bracket too.
-    let words: Vec<&str> = stat.rsplit_once(") ")?.1.split_whitespace().collect();
-    let number = |place: usize| words.get(place).and_then(|word| word.parse::<u64>().ok());
-    Some((number(2)?, number(11)? + number(12)? + number(13)? + number(14)?))
 }
 
 #[test]

@@ -99,3 +99,12 @@ fn waited(task: &Path) -> Duration {
 pub(crate) fn this_thread() -> Duration {
     waited(Path::new("/proc/thread-self"))
 }
+
+/// Group of a process and its processor time so far, in ticks, by its `/proc/…/stat`. The time of children that it has waited for is
+/// part of it.
+pub(crate) fn worked(stat: &str) -> Option<(u64, u64)> {
+    // "1234 (name) S parent group …": the name may hold anything, a bracket too.
+    let words: Vec<&str> = stat.rsplit_once(") ")?.1.split_whitespace().collect();
+    let number = |place: usize| words.get(place).and_then(|word| word.parse::<u64>().ok());
+    Some((number(2)?, number(11)? + number(12)? + number(13)? + number(14)?))
+}

@@ -6,6 +6,7 @@ use serde_json::Value;
 
 use crate::end_to_end::plant::{OUTPUT, PROFILE, asked, day, identify};
 use crate::end_to_end::process::{Running, file, isotherm, until};
+use crate::support::starved::worked;
 
 #[test]
 fn a_sensor_that_hangs_in_the_hall_is_known_by_what_it_does() {
@@ -134,12 +135,10 @@ fn a_report_that_cannot_be_written_does_not_throw_the_result_away() {
     }
 }
 
-/// Processor time of a process so far, in hundredths of a second.
-fn worked(process: u32) -> u64 {
+/// Processor time of a process so far, in ticks of 10 ms.
+fn spent_by(process: u32) -> u64 {
     let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
-    // "1234 (name) S parent …": the name may hold anything, a bracket too.
-    let words = stat.rsplit(") ").next().unwrap_or_default().split_whitespace();
-    words.skip(11).take(2).filter_map(|word| word.parse::<u64>().ok()).sum()
+    worked(&stat).map_or(0, |(_, ticks)| ticks)
 }
 
 #[test]
@@ -156,11 +155,11 @@ fn ctrl_c_ends_what_computes_for_long_within_a_second() {
         Running::start(command.args(["--method", "network", "--neurons", "51", "--resample", "0s"]));
     std::thread::sleep(Duration::from_millis(500));
     assert!(!running.has_ended(), "it takes longer than this: {:?}", running.so_far());
-    let before = worked(running.id());
+    let before = spent_by(running.id());
     running.signal("INT");
     // A second of each of two processors: on a busy computer that takes longer.
     until("it ends", || {
-        let spent = worked(running.id()).saturating_sub(before);
+        let spent = spent_by(running.id()).saturating_sub(before);
         if running.has_ended() {
             return Ok(());
         }
