@@ -183,6 +183,9 @@ pub enum PeerFault {
     /// Something that nobody had asked for.
     #[error("it sends what nobody asked for")]
     Unasked,
+    /// A gateway gives the answer to an earlier question.
+    #[error("out of order: a question got the answer to the question before it")]
+    OutOfOrder,
 }
 
 /// What is known of a write that failed.

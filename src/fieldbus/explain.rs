@@ -73,6 +73,10 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         }
         Fault::Peer(PeerFault::Foreign) => "is another master on the line?",
         Fault::Peer(PeerFault::Unasked) => "is it a late reply, or another master on the same line?",
+        Fault::Peer(PeerFault::OutOfOrder) => {
+            "the gateway before the unit keeps late answers: set it to discard them, make its timeout longer than the unit takes, \
+             and restart it"
+        }
         Fault::Peer(PeerFault::Silent) => "`read = \"poll\"` asks for the nodes instead",
         Fault::Caller(CallerFault::TooManyNodes(_)) => "let it take more, or make the set smaller",
         Fault::Peer(PeerFault::Type) => {
@@ -278,7 +282,8 @@ mod tests {
             LinkFault::Can(CanFault::Down),
         ];
         let codes = [1, 2, 3, 4, 5, 6, 8, 10, 11].map(Fault::Exception);
-        let peer = [PeerFault::Malformed, PeerFault::Foreign, PeerFault::Unasked].map(Fault::Peer);
+        let peer = [PeerFault::Malformed, PeerFault::Foreign, PeerFault::Unasked, PeerFault::OutOfOrder]
+            .map(Fault::Peer);
         for fault in link.map(Fault::Link).into_iter().chain(codes).chain(peer).chain([Fault::Timeout]) {
             let said = explain(fault);
             assert!(remedy(fault).is_some() || said.contains(", or "), "{fault:?}: {said}");

@@ -15,7 +15,8 @@
 //! [`GRACE`] timeouts more, and whatever came until then is discarded; unless it is known to be prompt, see
 //! [`super::owed`]. An answer that is later still cannot be told from the next one: the timeout must be at least a
 //! quarter of the longest that a device ever takes. Two misses in a row open the port again, for an adapter that has lost
-//! itself. A unit behind a gateway from Modbus TCP to a serial line waits in the same way, see `line/late.rs`.
+//! itself. A unit behind a gateway from Modbus TCP to a serial line waits in the same way, see `line/late.rs`, and shows
+//! that its answers are in order, see `line/order.rs`.
 //!
 //! A device that failed is left alone for a pause that doubles; while it rests, the others on the line are served, so
 //! a dead unit costs them at most one timeout per pause. A line that cannot be connected rests in the same way.
@@ -34,14 +35,15 @@ use super::trace::Tap;
 use super::wire::{Answer, NodeRequest, Request};
 use crate::clock::{Clock, Patience};
 use continuity::Evidence;
-use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, Device, DeviceId};
 use others::Others;
 use units::{FIRST_PAUSE, Units};
 
+mod connects;
 mod continuity;
 mod late;
+pub(super) mod order;
 mod others;
 mod units;
 mod witness;
@@ -52,12 +54,6 @@ pub use witness::Witness;
 pub const GRACE: u32 = 3;
 /// Misses in a row after which a line without transactions is opened again.
 const MISSES: u32 = 2;
-/// A connection that lives for less than this, after it has brought answers, was taken away by somebody.
-const SHORT_LIFE: Duration = Duration::from_secs(5);
-/// Short lives in a row after which we give way: a device that accepts one client drops the first for the second, and
-/// two masters that both come back at once would keep each other from working for ever.
-const SHORT_LIVES: u32 = 3;
-
 /// The owner of a line: nobody else speaks on it.
 pub struct DeviceLine {
     dial: Box<dyn Dial>,
@@ -316,6 +312,7 @@ impl DeviceLine {
         let mut was_connected = self.wire.is_some();
         let mut first_asked = None;
         let mut is_contested = false;
+        let is_in_order = self.control_question(place, request).is_none();
         let answer = loop {
             let (mut are_two, mut is_second) = (false, false);
             let begun = self.tap.begin();
@@ -334,7 +331,8 @@ impl DeviceLine {
                     let is_like_it = |(unit, read): &(u8, Request<'_>)| {
                         is_behind_gateway && *unit == number && Mark::of(*read) == Mark::of(request)
                     };
-                    connection.wire().ask_behind(self.pipeline.take().filter(|read| !is_like_it(read)));
+                    let behind = self.pipeline.take().filter(|read| is_in_order && !is_like_it(read));
+                    connection.wire().ask_behind(behind);
                     are_two = is_second || connection.wire().has_behind();
                 }
                 let span = self.timeout + connection.wire().time_under_way(request);
@@ -366,7 +364,11 @@ impl DeviceLine {
                     None => Err(connection.wire().missed()),
                 };
                 match answer {
-                    Err(fault) if is_missing(fault) => {}
+                    Err(fault) if fault.spoils_connection() || is_missing(fault) => {
+                        if self.departure.asked().is_some() {
+                            owed.order.misses(fault);
+                        }
+                    }
                     Ok(_) | Err(Fault::Exception(_)) => owed.answers(request, took),
                     Err(_) => {}
                 }
@@ -414,6 +416,9 @@ impl DeviceLine {
             }
             break answer;
         };
+        // One that never left has no answer. One that was asked twice may answer the first question.
+        let asked = first_asked.or(self.departure.asked()).unwrap_or(now);
+        let answer = self.in_order(place, request, answer, now).await;
         if let Some(witness) = &self.witness
             && !matches!(answer, Err(Fault::Caller(_) | Fault::UNVERIFIED))
         {
@@ -423,9 +428,6 @@ impl DeviceLine {
                 witness.delivers(device);
             }
         }
-        // One that never left has no answer.
-        // One that was asked twice may answer the first question.
-        let asked = first_asked.or(self.departure.asked()).unwrap_or(now);
         let attribution = match self.others.attribute(number, request) {
             Attribution::Ambiguous if is_contested => Attribution::Contested,
             attribution => attribution,
@@ -491,42 +493,6 @@ impl DeviceLine {
         answer
     }
 
-    /// Closes the connection after an answer of a device that lets in one client at a time.
-    fn put_down(&mut self, place: usize) {
-        if self.units.at(place).quirks.close_after_each {
-            self.wire = None;
-            self.is_put_down = true;
-        }
-    }
-
-    /// Hangs up: what is on its way on the connection belongs to a time that is over.
-    pub fn hang_up(&mut self) {
-        self.wire = None;
-        self.units.owed.each().for_each(Owed::anything);
-    }
-
-    /// Takes leave of the other end, for no longer than it is waited for an answer.
-    pub async fn close(&mut self) {
-        let Some(mut connection) = self.wire.take() else { return };
-        self.departure.away_for(self.timeout);
-        let _ = self.patience.within(self.timeout, connection.wire().close()).await;
-    }
-
-    /// The connection was closed by the other end: whether that happens too often to come back at once.
-    fn is_contested(&mut self, now: Moment) -> bool {
-        if now.since(self.connected_at) >= SHORT_LIFE {
-            self.short_lives = 0;
-            self.yielding.succeed();
-            return false;
-        }
-        self.short_lives += 1;
-        let is_contested = self.short_lives >= SHORT_LIVES;
-        if is_contested {
-            self.yielding.fail(now);
-        }
-        is_contested
-    }
-
     /// There is a connection, nothing is on its way to us, and the unit has had its pause. `Done`, to begin with.
     async fn make_ready(&mut self, place: usize, request: Request<'_>, now: Moment) -> Result<Answer, Fault> {
         if self.wire.is_none() {
@@ -542,45 +508,6 @@ impl DeviceLine {
         }
         self.spoke = true;
         Ok(Answer::Done)
-    }
-
-    async fn connect(&mut self, now: Moment) -> Result<(), Fault> {
-        if !self.yielding.allows(now) {
-            return Err(Fault::Link(LinkFault::Contested));
-        }
-        if !self.redial.allows(now) {
-            return Err(Fault::Link(LinkFault::Down));
-        }
-        let span = self.timeout + self.dial.takes();
-        self.departure.away_for(span);
-        let dialled = self.patience.within(span, self.dial.dial(&self.tap)).await;
-        self.departure.look();
-        match dialled.unwrap_or(Err(Fault::Link(LinkFault::Unreachable))) {
-            Ok(wire) => {
-                if !self.pause_after_connect.is_zero() {
-                    self.departure.away_for(self.pause_after_connect);
-                    tokio::time::sleep(self.pause_after_connect).await;
-                    self.departure.look();
-                }
-                self.wire = Some(wire);
-                self.spoke = self.is_put_down;
-                self.is_put_down = false;
-                (self.connected_at, self.has_answered) = (now, false);
-                self.redial.succeed();
-                self.evidence.connected();
-                if !self.dial.resumes() {
-                    self.all_break(Break::NewConnection);
-                }
-                Ok(())
-            }
-            Err(fault) => {
-                self.is_put_down = false;
-                self.redial.fail(now);
-                self.refused = fault;
-                self.all_break(Break::Refused);
-                Err(fault)
-            }
-        }
     }
 }
 

@@ -15,6 +15,7 @@
 
 use std::time::Duration;
 
+use super::line::order::Order;
 use super::request::Request;
 use crate::clock::Silence;
 use isotherm_core::quantity::Moment;
@@ -51,6 +52,8 @@ pub(super) struct Owed {
     longest: [Duration; 2],
     /// Misses in a row.
     misses: u32,
+    /// Whether its answers belong to their questions, if it is behind a gateway.
+    pub(super) order: Order,
 }
 
 /// One answer that has not come.
@@ -166,6 +169,7 @@ impl Owed {
             in_time: 0,
             longest: [Duration::ZERO; 2],
             misses: 0,
+            order: Order::UNKNOWN,
         }
     }
 

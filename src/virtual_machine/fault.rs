@@ -112,6 +112,12 @@ pub(crate) enum ReplyFault {
         delay: Duration,
         code: Option<u8>,
     },
+    /// A gateway in front of the unit gives up once, with this code or silently, and keeps the late answer. Each question after that
+    /// gets what is kept, and its own answer is kept in turn.
+    Keep {
+        delay: Duration,
+        code: Option<u8>,
+    },
 }
 
 /// What can be wrong with a device on a CAN line beside what can be wrong with any.

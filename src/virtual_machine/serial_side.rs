@@ -2,7 +2,7 @@
 //!
 //! The gateway gives up a slow unit before its answer has come. If another question to that unit is open when the answer
 //! arrives, the gateway takes it for the answer to that question. The answer to that question is late in turn. An answer that
-//! finds no open question is dropped.
+//! finds no open question is dropped, or kept until the next question comes.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
@@ -15,9 +15,17 @@ use crate::clock::Silence;
 /// Time on the serial line for a question and its answer.
 const EXCHANGE: Duration = Duration::from_millis(5);
 
-/// Answers that have not arrived at the gateway yet.
+/// Answers that have not been given yet.
 #[derive(Debug, Default)]
-pub(super) struct SerialSide(Mutex<Vec<Late>>);
+pub(super) struct SerialSide(Mutex<Answers>);
+
+#[derive(Debug, Default)]
+struct Answers {
+    /// They have not arrived at the gateway.
+    late: Vec<Late>,
+    /// The gateway keeps them, one at most of each unit.
+    kept: Vec<(u8, Vec<u8>)>,
+}
 
 #[derive(Debug)]
 struct Late {
@@ -31,7 +39,16 @@ struct Late {
 impl SerialSide {
     /// Returns the gateway's answer to a question that has just come, and how long it takes. `reply` is the unit's answer.
     pub(super) fn pass(&self, unit: u8, pdu: &[u8], reply: Reply) -> (Reply, Duration) {
-        let mut late = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut answers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let Answers { late, kept } = &mut *answers;
+        let before = kept.iter().position(|(kept, _)| *kept == unit).map(|place| kept.remove(place).1);
+        if let (Some(own), Some(ReplyFault::Keep { delay, code })) = (&reply.pdu, reply.fault) {
+            kept.push((unit, own.clone()));
+            return match before {
+                Some(before) => (Reply { pdu: Some(before), fault: None }, EXCHANGE),
+                None => given_up(pdu, delay, code),
+            };
+        }
         late.retain(|late| !late.asked.left_of(late.delay).is_zero());
         let own = reply.pdu.clone().map(|pdu| (pdu, reply.fault));
         if let Some(place) = late.iter().position(|late| late.unit == unit) {
@@ -45,11 +62,16 @@ impl SerialSide {
         match own {
             Some((own, Some(ReplyFault::Shift { delay, code }))) => {
                 late.push(Late { unit, pdu: own, asked: Silence::begin(), delay });
-                (Reply { pdu: code.map(|code| exception(pdu, code)), fault: None }, delay / 2)
+                given_up(pdu, delay, code)
             }
             _ => (reply, Duration::ZERO),
         }
     }
+}
+
+/// Answer of a gateway that does not wait for the unit as long as that takes.
+fn given_up(pdu: &[u8], delay: Duration, code: Option<u8>) -> (Reply, Duration) {
+    (Reply { pdu: code.map(|code| exception(pdu, code)), fault: None }, delay / 2)
 }
 
 #[cfg(test)]
@@ -85,5 +107,19 @@ mod tests {
         assert_eq!(side.pass(1, &BED, reads(25, silent)).0.pdu, None);
         tokio::time::sleep(DELAY).await;
         assert_eq!(side.pass(1, &OIL, reads(41, None)), (reads(41, None), Duration::ZERO));
+    }
+
+    #[test]
+    fn a_kept_answer_is_given_to_the_next_question_and_forgotten_with_the_fault() {
+        let keep = Some(ReplyFault::Keep { delay: DELAY, code: Some(11) });
+        let side = SerialSide::default();
+        let refusal = Reply { pdu: Some(vec![0x84, 11]), fault: None };
+        assert_eq!(side.pass(1, &BED, reads(25, keep)), (refusal, DELAY / 2));
+        assert_eq!(side.pass(2, &BED, reads(7, None)), (reads(7, None), Duration::ZERO), "another unit");
+        assert_eq!(side.pass(1, &OIL, reads(41, keep)), (reads(25, None), EXCHANGE));
+        assert_eq!(side.pass(1, &BED, reads(25, keep)), (reads(41, None), EXCHANGE));
+        assert_eq!(side.pass(1, &OIL, reads(41, None)), (reads(41, None), Duration::ZERO));
+        let silent = Some(ReplyFault::Keep { delay: DELAY, code: None });
+        assert_eq!(side.pass(1, &BED, reads(25, silent)), (Reply { pdu: None, fault: None }, DELAY / 2));
     }
 }

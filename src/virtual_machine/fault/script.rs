@@ -27,7 +27,7 @@ use Lines::{Any, Can, Modbus};
 type Make = fn(&mut FaultFile, &Profile) -> Result<Kind, String>;
 
 /// Every kind of fault.
-const KINDS: [(&str, Lines, Make); 34] = [
+const KINDS: [(&str, Lines, Make); 35] = [
     ("silent", Any, |_, _| reply(ReplyFault::Silent)),
     ("late", Any, |file, _| reply(ReplyFault::Late(file.delay()?))),
     ("exception", Modbus, |file, _| file.exception()),
@@ -46,7 +46,12 @@ const KINDS: [(&str, Lines, Make); 34] = [
     ("ignored-write", Any, |_, _| reply(ReplyFault::IgnoredWrite)),
     ("one-behind", Modbus, |_, _| reply(ReplyFault::OneBehind { stale_transaction: false })),
     ("one-behind-stale", Modbus, |_, _| reply(ReplyFault::OneBehind { stale_transaction: true })),
-    ("shift", Modbus, |file, _| file.shift()),
+    ("shift", Modbus, |file, _| {
+        file.given_up().map(|(delay, code)| Kind::Reply(ReplyFault::Shift { delay, code }))
+    }),
+    ("keep", Modbus, |file, _| {
+        file.given_up().map(|(delay, code)| Kind::Reply(ReplyFault::Keep { delay, code }))
+    }),
     ("sentinel", Any, FaultFile::broken_signal),
     ("nan", Any, FaultFile::broken_signal),
     ("value", Any, FaultFile::broken_signal),
@@ -150,7 +155,7 @@ impl FaultFile {
             {
                 return Err("an RTU line has no transactions".to_owned());
             }
-            Kind::Reply(ReplyFault::Shift { .. }) if !is_tcp => {
+            Kind::Reply(ReplyFault::Shift { .. } | ReplyFault::Keep { .. }) if !is_tcp => {
                 return Err("an RTU line has no gateway that stamps transactions".to_owned());
             }
             Kind::Reply(ReplyFault::WrongChecksum) if is_tcp => {
@@ -200,9 +205,10 @@ impl FaultFile {
         reply(ReplyFault::Exception(u8::try_from(code).map_err(|_| "`code` is 255 at most")?))
     }
 
-    fn shift(&mut self) -> Result<Kind, String> {
+    /// Delay of the unit, and the code with which a gateway gives it up.
+    fn given_up(&mut self) -> Result<(Duration, Option<u8>), String> {
         let code = self.code.take().map(u8::try_from).transpose().map_err(|_| "`code` is 255 at most")?;
-        reply(ReplyFault::Shift { delay: self.delay()?, code })
+        Ok((self.delay()?, code))
     }
 
     fn babbling(&mut self) -> Result<Kind, String> {
