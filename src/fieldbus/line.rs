@@ -54,6 +54,7 @@ pub use witness::Witness;
 pub const GRACE: u32 = 3;
 /// Misses in a row after which a line without transactions is opened again.
 const MISSES: u32 = 2;
+
 /// The owner of a line: nobody else speaks on it.
 pub struct DeviceLine {
     dial: Box<dyn Dial>,
@@ -245,7 +246,8 @@ impl DeviceLine {
         Spans { timeout: self.timeout, grace: self.timeout * GRACE }
     }
 
-    /// Asks a device and waits for its answer, at most for the line's timeout (twice, where it must connect first). The
+    /// Asks a device and waits for its answer, at most for the line's timeout (twice, where it must connect first; once more for a
+    /// control question, see `line/order.rs`). The
     /// question leaves as `leave` says, or not at all: that is looked at right before its first byte does.
     ///
     /// # Errors
@@ -314,7 +316,7 @@ impl DeviceLine {
         let mut is_contested = false;
         let is_in_order = self.control_question(place, request).is_none();
         let answer = loop {
-            let (mut are_two, mut is_second) = (false, false);
+            let (mut are_two, mut is_second, mut behind) = (false, false, None);
             let begun = self.tap.begin();
             self.departure.next(request, leave);
             let mut answer = self.make_ready(place, request, now).await;
@@ -331,8 +333,9 @@ impl DeviceLine {
                     let is_like_it = |(unit, read): &(u8, Request<'_>)| {
                         is_behind_gateway && *unit == number && Mark::of(*read) == Mark::of(request)
                     };
-                    let behind = self.pipeline.take().filter(|read| is_in_order && !is_like_it(read));
-                    connection.wire().ask_behind(behind);
+                    let read = self.pipeline.take().filter(|read| is_in_order && !is_like_it(read));
+                    behind = read.map(|(unit, _)| unit);
+                    connection.wire().ask_behind(read);
                     are_two = is_second || connection.wire().has_behind();
                 }
                 let span = self.timeout + connection.wire().time_under_way(request);
@@ -366,7 +369,11 @@ impl DeviceLine {
                 match answer {
                     Err(fault) if fault.spoils_connection() || is_missing(fault) => {
                         if self.departure.asked().is_some() {
-                            owed.order.misses(fault);
+                            owed.order.misses();
+                        }
+                        // What went out behind it is lost with the connection.
+                        if let Some(unit) = behind.filter(|_| fault.spoils_connection()) {
+                            self.units.owed.of(unit).order.misses();
                         }
                     }
                     Ok(_) | Err(Fault::Exception(_)) => owed.answers(request, took),
@@ -418,7 +425,7 @@ impl DeviceLine {
         };
         // One that never left has no answer. One that was asked twice may answer the first question.
         let asked = first_asked.or(self.departure.asked()).unwrap_or(now);
-        let answer = self.in_order(place, request, answer, now).await;
+        let answer = self.in_order(place, request, answer, first_asked.is_some()).await;
         if let Some(witness) = &self.witness
             && !matches!(answer, Err(Fault::Caller(_) | Fault::UNVERIFIED))
         {

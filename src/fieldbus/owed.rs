@@ -52,7 +52,7 @@ pub(super) struct Owed {
     longest: [Duration; 2],
     /// Misses in a row.
     misses: u32,
-    /// Whether its answers belong to their questions, if it is behind a gateway.
+    /// Order of its questions and answers, if it is behind a gateway.
     pub(super) order: Order,
 }
 
@@ -169,7 +169,7 @@ impl Owed {
             in_time: 0,
             longest: [Duration::ZERO; 2],
             misses: 0,
-            order: Order::UNKNOWN,
+            order: Order::unknown(),
         }
     }
 

@@ -5,7 +5,7 @@
 //! So after a missed answer no question of the same form goes to that unit while the late answer may arrive. It then finds no
 //! open transaction.
 //!
-//! A gateway that keeps a late answer until the next question comes is not cured by waiting.
+//! A gateway that keeps a late answer until the next question comes is not cured by waiting: see `order.rs`.
 
 use std::time::Duration;
 

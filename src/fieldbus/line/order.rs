@@ -3,159 +3,211 @@
 //! Some gateways keep a late answer until the next question comes, and give it as the answer to that. From then on each question
 //! gets the answer to the one before it. Waiting does not help, and an answer of the right length does not show it.
 //!
-//! So after an answer was missed, the next read that is answered is followed by a question for a similar read whose answer has
-//! another length. If questions and answers are in order, it gets an answer of that length, or a refusal of these registers. If it
-//! gets the answer to the read, they are not. Then the read is not used either, the connection is closed, and the unit rests.
+//! So after an answer was missed, the next read that is answered is followed by a control question: a read whose answer has another
+//! form. If that gets the answer to the read, order is lost: the read is not used either, the connection is closed, and the unit
+//! rests. Whatever else comes of a control question is no reason to refuse the read.
+//!
+//! Limits: a gateway that keeps two answers or more, and an answer that is kept although no question of this line was missed.
 
 use std::pin::pin;
 
 use super::DeviceLine;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, PeerFault};
+use crate::fieldbus::owed::Mark;
 use crate::fieldbus::wire::{Answer, Request};
-use isotherm_core::codec::Register;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::Quirks;
 
-/// Control questions in a row without a usable answer, after which a unit that never gave one is not asked any more.
+/// Control questions in a row that show nothing, after which none is asked before the next miss.
 const ATTEMPTS: u8 = 3;
+/// Doublings of the pause after lost order.
+const LONGEST_PAUSE: u8 = 5;
 
 /// Knowledge about one unit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::fieldbus) enum Order {
-    /// An answer may be kept somewhere. So many control questions in a row were of no use, if none was ever answered.
-    InDoubt(Control),
-    /// Nothing was missed since it was last shown.
-    Shown,
-    /// The unit does not answer control questions.
-    NotShowable,
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(in crate::fieldbus) struct Order {
+    doubt: Doubt,
+    shorter_reads: ShorterReads,
+    /// The last two reads that brought data, of different forms.
+    answered: [Option<Request<'static>>; 2],
+    /// Control questions in a row that showed lost order.
+    lost: u8,
 }
 
-/// Experience with control questions.
+/// Whether the gateway may keep an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::fieldbus) enum Control {
-    /// None was answered, and so many in a row were of no use.
-    Untried(u8),
-    /// One was answered.
-    Works,
+enum Doubt {
+    /// It may. So many control questions have shown nothing.
+    Open { attempts: u8 },
+    /// Nothing was missed since order was shown, or the attempts to show it have ended.
+    Closed,
+}
+
+/// Experience with control questions for fewer registers than a read has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ShorterReads {
+    Untried,
+    Answered,
+    /// The unit did not answer them when they were tried.
+    Unusable,
+}
+
+/// A control question.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Control {
+    /// A read that the unit has answered before.
+    Answered(Request<'static>),
+    /// The read that it follows, with fewer registers.
+    Shorter(Request<'static>),
+}
+
+/// Conclusion from what came of a control question.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Verdict {
+    InOrder,
+    OutOfOrder,
+    Nothing,
 }
 
 impl Order {
     /// Order of a unit that nobody has asked yet. What a former gateway process asked may be kept.
-    pub(in crate::fieldbus) const UNKNOWN: Order = Order::InDoubt(Control::Untried(0));
+    pub(in crate::fieldbus) fn unknown() -> Order {
+        Order {
+            doubt: Doubt::Open { attempts: 0 },
+            shorter_reads: ShorterReads::Untried,
+            answered: [None; 2],
+            lost: 0,
+        }
+    }
 
     /// Notes that a question has left and has no answer of its own.
-    pub(super) fn misses(&mut self, fault: Fault) {
-        *self = match *self {
-            Order::Shown => Order::InDoubt(Control::Works),
-            // The answer to another question shows that the unit is not to blame for unusable control questions.
-            Order::InDoubt(Control::Untried(_)) if matches!(fault, Fault::Peer(_)) => Order::UNKNOWN,
-            other => other,
+    pub(super) fn misses(&mut self) {
+        self.doubt = Doubt::Open { attempts: 0 };
+    }
+
+    /// Notes a read that brought data.
+    pub(super) fn is_answered(&mut self, request: Request<'_>) {
+        let Request::Read { from, count } = request else { return };
+        let read = Some(Request::Read { from, count });
+        let [last, before] = self.answered;
+        self.answered = match last {
+            Some(last) if Mark::of(last) != Mark::of(request) => [read, Some(last)],
+            _ => [read, before.filter(|before| Mark::of(*before) != Mark::of(request))],
         };
     }
 
-    /// Returns whether order must be shown before an answer is used.
-    pub(super) fn is_in_doubt(self) -> bool {
-        matches!(self, Order::InDoubt(_))
-    }
-
-    /// Notes the answer to the control question that followed a read. `is_refused` says that the read was refused.
-    ///
-    /// # Errors
-    /// The answer to the read may be that to another question.
-    pub(super) fn judge(&mut self, is_refused: bool, answer: Result<(), Fault>) -> Result<(), Fault> {
-        match answer {
-            // An answer of the length that was asked for.
-            Ok(()) => *self = Order::Shown,
-            // A refusal after data: there is no such register, or this is no valid count.
-            Err(Fault::Exception(2 | 3)) if !is_refused => *self = Order::Shown,
-            // A refusal after a refusal does not show which is which. The read is refused either way.
-            Err(fault @ Fault::Exception(_)) if is_refused && !fault.is_of_a_gateway() => {}
-            Err(fault) => {
-                *self = self.after_no_use();
-                return Err(match fault {
-                    Fault::Peer(_) => Fault::Peer(PeerFault::OutOfOrder),
-                    _ => fault,
-                });
-            }
+    /// Returns the question that must follow this read before its answer is used. Its answer has another form than that of the read.
+    pub(super) fn control(&self, request: Request<'_>) -> Option<Control> {
+        let Request::Read { from, count } = request else { return None };
+        if self.doubt == Doubt::Closed {
+            return None;
         }
-        Ok(())
+        let of_another_form = |read: &&Request<'static>| Mark::of(**read) != Mark::of(request);
+        if let Some(read) = self.answered.iter().flatten().find(of_another_form) {
+            return Some(Control::Answered(*read));
+        }
+        // Eight bits are one byte of an answer.
+        let step = if from.table.is_bits() { 8 } else { 1 };
+        (self.shorter_reads != ShorterReads::Unusable && count > step)
+            .then(|| Control::Shorter(Request::Read { from, count: count - step }))
     }
 
-    fn after_no_use(self) -> Order {
-        match self {
-            Order::InDoubt(Control::Untried(unusable)) if unusable + 1 < ATTEMPTS => {
-                Order::InDoubt(Control::Untried(unusable + 1))
+    /// Notes what came of a control question.
+    pub(super) fn judge(&mut self, control: Control, answer: Result<(), Fault>) -> Verdict {
+        let is_shorter = matches!(control, Control::Shorter(_));
+        match answer {
+            Ok(()) => {
+                (self.doubt, self.lost) = (Doubt::Closed, 0);
+                if is_shorter {
+                    self.shorter_reads = ShorterReads::Answered;
+                }
+                Verdict::InOrder
             }
-            Order::InDoubt(Control::Untried(_)) => Order::NotShowable,
-            other => other,
+            Err(Fault::Peer(PeerFault::Length | PeerFault::Function)) => {
+                self.lost = LONGEST_PAUSE.min(self.lost + 1);
+                Verdict::OutOfOrder
+            }
+            Err(_) => {
+                self.doubt = match self.doubt {
+                    Doubt::Open { attempts } if attempts + 1 < ATTEMPTS => {
+                        Doubt::Open { attempts: attempts + 1 }
+                    }
+                    _ => Doubt::Closed,
+                };
+                if self.doubt == Doubt::Closed && is_shorter && self.shorter_reads == ShorterReads::Untried {
+                    self.shorter_reads = ShorterReads::Unusable;
+                }
+                Verdict::Nothing
+            }
         }
     }
 }
 
-/// Returns a read whose answer has another length than that of this one, and which needs as few other registers as can be. `None`
-/// where it would need registers behind those that were asked for, and the unit must not be asked for such.
-fn similar_read(request: Request<'_>, quirks: Quirks) -> Option<Request<'static>> {
-    let Request::Read { from, count } = request else { return None };
-    // Eight bits are one byte of an answer.
-    let step = if from.table.is_bits() { 8 } else { 1 };
-    let count = if count > step {
-        count - step
-    } else if quirks.max_gap >= step && count < quirks.max_registers_per_request {
-        count + step
-    } else {
-        return None;
-    };
-    let control = Request::Read { from, count };
-    control.fits().then_some(control)
+impl Control {
+    fn request(self) -> Request<'static> {
+        match self {
+            Control::Answered(request) | Control::Shorter(request) => request,
+        }
+    }
 }
 
 impl DeviceLine {
-    /// Returns the question that must follow this request before its answer is used.
-    pub(super) fn control_question(&self, place: usize, request: Request<'_>) -> Option<Request<'static>> {
+    /// Returns the control question that must follow this request.
+    pub(super) fn control_question(&self, place: usize, request: Request<'_>) -> Option<Control> {
         let unit = self.units.at(place);
-        let is_in_doubt = || self.units.owed.get(unit.number).is_some_and(|owed| owed.order.is_in_doubt());
         // A connection that is closed after each answer would be made once more for it.
-        let is_asked = unit.is_behind_gateway && !unit.quirks.close_after_each && is_in_doubt();
-        is_asked.then(|| similar_read(request, unit.quirks)).flatten()
+        if !unit.is_behind_gateway || unit.quirks.close_after_each {
+            return None;
+        }
+        let owed = self.units.owed.get(unit.number)?;
+        let control = owed.order.control(request)?;
+        // A late answer of the same form would be taken for its own.
+        let may_be_late = owed.marks().any(|mark| mark == Mark::of(control.request()));
+        (!may_be_late && unit.functions.allow(control.request().function())).then_some(control)
     }
 
-    /// Returns the answer to this request. Where order is in doubt, the control question is asked first; a fault of that takes the
-    /// place of the answer.
+    /// Returns the answer to this request, after the control question where order is in doubt. `is_repeated` says that the answer
+    /// may also be the late one to the same request before.
     pub(super) async fn in_order(
         &mut self,
         place: usize,
         request: Request<'_>,
         answer: Result<Answer, Fault>,
-        now: Moment,
+        is_repeated: bool,
     ) -> Result<Answer, Fault> {
-        let is_refused = match &answer {
-            Ok(_) => false,
-            Err(fault @ Fault::Exception(_)) if !fault.is_of_a_gateway() => true,
-            Err(_) => return answer,
+        let is_of_unit = match &answer {
+            Ok(_) => true,
+            Err(fault) => matches!(fault, Fault::Exception(_)) && !fault.is_of_a_gateway(),
         };
-        match self.control_question(place, request) {
-            Some(control) => self.show_order(place, control, is_refused, now).await.and(answer),
-            None => answer,
+        if !is_of_unit || !self.units.at(place).is_behind_gateway {
+            return answer;
         }
+        if let Some(control) = self.control_question(place, request).filter(|_| !is_repeated) {
+            self.ask_control(place, control).await?;
+        }
+        if answer.is_ok() {
+            self.units.owed(place).order.is_answered(request);
+        }
+        answer
     }
 
-    async fn show_order(
-        &mut self,
-        place: usize,
-        control: Request<'static>,
-        is_refused: bool,
-        now: Moment,
-    ) -> Result<(), Fault> {
+    /// Asks a control question.
+    ///
+    /// # Errors
+    /// Order is lost.
+    async fn ask_control(&mut self, place: usize, control: Control) -> Result<(), Fault> {
         let (device, number) = (self.units.at(place).device, self.units.at(place).number);
+        let (request, now) = (control.request(), self.departure.looked());
         let begun = self.tap.begin();
-        self.departure.next(control, Leave::Whenever);
-        self.make_ready(place, control, now).await?;
+        self.departure.next(request, Leave::Whenever);
+        if self.make_ready(place, request, now).await.is_err() {
+            return Ok(());
+        }
         let Some(connection) = &mut self.wire else { return Ok(()) };
-        let span = self.timeout + connection.wire().time_under_way(control);
+        let span = self.timeout + connection.wire().time_under_way(request);
         self.departure.begins(span);
         let exchanged = {
-            let exchange = pin!(connection.exchange(number, control, &mut self.departure));
+            let exchange = pin!(connection.exchange(number, request, &mut self.departure));
             self.patience.within(span, exchange).await
         };
         let answered = match exchanged {
@@ -163,18 +215,32 @@ impl DeviceLine {
             _ => Err(connection.wire().missed()),
         };
         if let Some(begun) = begun {
-            self.tap.tell(begun, (device, number), control, &answered);
+            self.tap.tell(begun, (device, number), request, &answered);
         }
         self.look_for_a_break(place, &answered, now);
-        let judged = self.units.owed.of(number).order.judge(is_refused, answered.map(drop));
-        judged.or_else(|fault| self.settle(place, control, Err(fault), now).map(drop))
+        let order = &mut self.units.owed(place).order;
+        let verdict = order.judge(control, answered.as_ref().map(|_| ()).map_err(|fault| *fault));
+        let lost = order.lost;
+        let fault = match (verdict, answered) {
+            (Verdict::InOrder, _) | (Verdict::Nothing, Ok(_)) => return Ok(()),
+            (Verdict::OutOfOrder, _) => Fault::Peer(PeerFault::OutOfOrder),
+            (Verdict::Nothing, Err(fault)) => fault,
+        };
+        let now = self.departure.looked();
+        // The connection or the unit is treated as after any other question.
+        let _ = self.settle(place, request, Err(fault), now);
+        if verdict != Verdict::OutOfOrder {
+            return Ok(());
+        }
+        (0..lost).for_each(|_| self.units.at_mut(place).breaker.fail(now));
+        Err(fault)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use isotherm_core::codec::Table;
+    use isotherm_core::codec::{Register, Table};
 
     const LENGTH: Fault = Fault::Peer(PeerFault::Length);
 
@@ -182,92 +248,90 @@ mod tests {
         Request::Read { from: Register { table, offset }, count }
     }
 
+    /// Order of a unit that has answered these.
+    fn after(answered: &[Request<'static>]) -> Order {
+        let mut order = Order::unknown();
+        answered.iter().for_each(|read| order.is_answered(*read));
+        order
+    }
+
     #[test]
-    fn a_control_question_has_an_answer_of_another_length_and_needs_few_other_registers() {
-        let usual = Quirks::default();
-        let tight = Quirks { max_gap: 0, ..usual };
-        for (table, offset, count, quirks, control) in [
-            (Table::Input, 5, 4, usual, Some(3)),
-            (Table::Input, 5, 2, tight, Some(1)),
-            (Table::Input, 5, 1, usual, Some(2)),
-            (Table::Input, 5, 1, tight, None),
-            (Table::Holding, 65535, 1, usual, None),
-            (Table::Coil, 0, 9, usual, Some(1)),
-            (Table::Coil, 0, 3, usual, Some(11)),
-            (Table::Coil, 0, 3, tight, None),
+    fn a_control_question_asks_for_nothing_that_the_unit_has_not_answered() {
+        let (bed, oil) = (read(Table::Input, 0, 1), read(Table::Input, 100, 1));
+        let (block, kind) = (read(Table::Input, 5, 4), read(Table::Holding, 90, 1));
+        let shorter = |table, offset, count| Some(Control::Shorter(read(table, offset, count)));
+        for (answered, request, control) in [
+            (&[][..], bed, None),
+            (&[], block, shorter(Table::Input, 5, 3)),
+            (&[], read(Table::Coil, 0, 8), None),
+            (&[], read(Table::Coil, 0, 9), shorter(Table::Coil, 0, 1)),
+            (&[bed, oil], bed, None),
+            (&[block, bed, oil], bed, Some(Control::Answered(block))),
+            (&[kind, bed, oil], oil, Some(Control::Answered(kind))),
+            (&[bed, kind, block], block, Some(Control::Answered(kind))),
+            (&[bed], Request::WriteSingle { at: 1, value: 2 }, None),
         ] {
-            let expected = control.map(|count| read(table, offset, count));
-            assert_eq!(
-                similar_read(read(table, offset, count), quirks),
-                expected,
-                "{table:?} {offset} {count}"
-            );
+            assert_eq!(after(answered).control(request), control, "{request:?} after {answered:?}");
         }
-        assert_eq!(similar_read(Request::WriteSingle { at: 1, value: 2 }, usual), None);
     }
 
     #[test]
     fn order_is_in_doubt_from_the_start_and_after_each_miss_until_it_is_shown() {
-        for refusal in [Ok(()), Err(Fault::Exception(2)), Err(Fault::Exception(3))] {
-            let mut order = Order::UNKNOWN;
-            assert!(order.is_in_doubt());
-            assert_eq!(order.judge(false, refusal), Ok(()));
-            assert!(!order.is_in_doubt());
-            order.misses(Fault::Timeout);
-            assert!(order.is_in_doubt());
+        let block = read(Table::Input, 5, 4);
+        let mut order = Order::unknown();
+        for _ in 0..2 {
+            let control = order.control(block).unwrap();
+            assert_eq!(order.judge(control, Ok(())), Verdict::InOrder);
+            assert_eq!(order.control(block), None);
+            order.misses();
         }
     }
 
     #[test]
-    fn an_answer_of_another_length_says_out_of_order_and_each_other_fault_says_itself() {
-        let out_of_order = Fault::Peer(PeerFault::OutOfOrder);
-        for (fault, expected) in [
-            (LENGTH, out_of_order),
-            (Fault::Peer(PeerFault::Function), out_of_order),
-            (Fault::Timeout, Fault::Timeout),
-            (Fault::Exception(6), Fault::Exception(6)),
-            (Fault::Exception(11), Fault::Exception(11)),
+    fn only_an_answer_of_another_form_shows_that_order_is_lost() {
+        for (fault, verdict) in [
+            (LENGTH, Verdict::OutOfOrder),
+            (Fault::Peer(PeerFault::Function), Verdict::OutOfOrder),
+            (Fault::Peer(PeerFault::Foreign), Verdict::Nothing),
+            (Fault::Timeout, Verdict::Nothing),
+            (Fault::Exception(2), Verdict::Nothing),
+            (Fault::Exception(11), Verdict::Nothing),
         ] {
-            let mut order = Order::UNKNOWN;
-            assert_eq!(order.judge(false, Err(fault)), Err(expected));
-            assert!(order.is_in_doubt());
+            let mut order = Order::unknown();
+            let control = order.control(read(Table::Input, 5, 4)).unwrap();
+            assert_eq!(order.judge(control, Err(fault)), verdict);
         }
     }
 
     #[test]
-    fn a_refused_read_stays_refused_if_its_control_question_is_refused_and_order_stays_in_doubt() {
-        for (answer, judged, is_in_doubt) in [
-            (Err(Fault::Exception(2)), Ok(()), true),
-            (Err(Fault::Exception(6)), Ok(()), true),
-            (Ok(()), Ok(()), false),
-            (Err(LENGTH), Err(Fault::Peer(PeerFault::OutOfOrder)), true),
-            (Err(Fault::Exception(11)), Err(Fault::Exception(11)), true),
-        ] {
-            let mut order = Order::UNKNOWN;
-            assert_eq!((order.judge(true, answer), order.is_in_doubt()), (judged, is_in_doubt), "{answer:?}");
+    fn a_unit_that_never_answers_shorter_reads_is_spared_them_and_one_that_did_is_asked_after_the_next_miss()
+    {
+        let block = read(Table::Input, 5, 4);
+        for (was_answered, asked_again) in [(false, false), (true, true)] {
+            let mut order = Order::unknown();
+            if was_answered {
+                let control = order.control(block).unwrap();
+                assert_eq!(order.judge(control, Ok(())), Verdict::InOrder);
+                order.misses();
+            }
+            for _ in 0..ATTEMPTS {
+                let control = order.control(block).unwrap();
+                assert_eq!(order.judge(control, Err(Fault::Timeout)), Verdict::Nothing);
+            }
+            assert_eq!(order.control(block), None);
+            order.misses();
+            assert_eq!(order.control(block).is_some(), asked_again);
         }
     }
 
     #[test]
-    fn a_unit_that_never_answers_control_questions_is_spared_them_and_one_that_did_is_not() {
-        let mut order = Order::UNKNOWN;
-        let left: Vec<_> =
-            (0..4).map(|_| (order.judge(false, Err(Fault::Timeout)), order.is_in_doubt()).1).collect();
-        assert_eq!(left, [true, true, false, false]);
-        let mut order = Order::UNKNOWN;
-        assert_eq!(order.judge(false, Ok(())), Ok(()));
-        order.misses(Fault::Timeout);
-        assert!((0..9).all(|_| order.judge(false, Err(Fault::Timeout)).is_err() && order.is_in_doubt()));
-    }
-
-    #[test]
-    fn a_gateway_that_stays_one_answer_behind_is_not_taken_for_a_unit_without_control_questions() {
-        let mut order = Order::UNKNOWN;
-        for _ in 0..99 {
-            // The read gets the answer to an earlier read, the control question that to the read, the next read that to the control question.
-            assert!(order.judge(false, Err(LENGTH)).is_err());
-            order.misses(LENGTH);
-            assert!(order.is_in_doubt());
+    fn a_gateway_that_stays_one_answer_behind_is_found_each_time_whatever_the_unit_answers() {
+        let (pair, one) = (read(Table::Input, 5, 2), read(Table::Input, 9, 1));
+        let mut order = after(&[pair, one]);
+        for request in [pair, one].into_iter().cycle().take(99) {
+            let control = order.control(request).unwrap();
+            assert_eq!(order.judge(control, Err(LENGTH)), Verdict::OutOfOrder);
+            order.misses();
         }
     }
 }
