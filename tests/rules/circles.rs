@@ -2,13 +2,20 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::source::Source;
+use super::source::{self, Source};
+use super::{budget, root};
 
-/// Sets of files of which each imports each other one, on whatever way, and that have more than so many members.
+/// Whether an import of a module by a file below it (`use super::…`) counts.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum ParentImports {
+    Ignored,
+    Counted,
+}
+
+/// Sets of more than `most` files in which each file imports each other one, directly or through others.
 ///
-/// A name that a module hands on is imported from the file that defines it. A module and the files it is made of are one
-/// idea: what these take from it makes no circle.
-pub(super) fn larger_than(most: usize, sources: &[Source]) -> Vec<Vec<String>> {
+/// A name that a module hands on is imported from the file that defines it.
+pub(super) fn larger_than(most: usize, sources: &[Source], parents: ParentImports) -> Vec<Vec<String>> {
     let places: BTreeMap<Place, usize> =
         sources.iter().enumerate().map(|(place, source)| (Place::of(source), place)).collect();
     let imports: Vec<Vec<(Place, Vec<String>)>> =
@@ -40,11 +47,12 @@ pub(super) fn larger_than(most: usize, sources: &[Source]) -> Vec<Vec<String>> {
                 at
             };
             let own = Place::of(&sources[from]);
-            let is_made_of = |to: &usize| {
+            let is_parent = |to: &usize| {
                 let other = Place::of(&sources[*to]);
                 own.home == other.home && own.modules.starts_with(&other.modules)
             };
-            found.iter().map(defined_in).filter(|to| !is_made_of(to)).collect()
+            let counts = |to: &usize| *to != from && (parents == ParentImports::Counted || !is_parent(to));
+            found.iter().map(defined_in).filter(counts).collect()
         })
         .collect();
     let reached: Vec<BTreeSet<usize>> = (0..sources.len()).map(|from| reach(from, &arrows)).collect();
@@ -120,9 +128,70 @@ fn reach(from: usize, arrows: &[BTreeSet<usize>]) -> BTreeSet<usize> {
     reached
 }
 
+/// The budget of these circles: each file that is in one, and the file by which the circle is named.
+fn print(circles: &[Vec<String>]) -> String {
+    let depth = |file: &str| file.matches('/').count();
+    let mut rows = Vec::new();
+    for circle in circles {
+        if let Some(name) = circle.iter().min_by_key(|file| (depth(file), *file)) {
+            rows.extend(circle.iter().map(|file| format!("{file},{name}\n")));
+        }
+    }
+    rows.sort();
+    format!("file,circle\n{}", rows.concat())
+}
+
+/// Lists each circle that is larger than any of those its files were in; `None` if there is none.
+fn grown(circles: &[Vec<String>], budget: &str) -> Option<String> {
+    let rows: BTreeMap<&str, &str> = budget.lines().skip(1).filter_map(|row| row.split_once(',')).collect();
+    let size = |name: &str| rows.values().filter(|other| **other == name).count();
+    let mut explained = String::new();
+    for circle in circles {
+        let names: BTreeSet<&str> =
+            circle.iter().filter_map(|file| rows.get(file.as_str()).copied()).collect();
+        let most = names.into_iter().map(size).max().unwrap_or(0);
+        if circle.len() > most {
+            let new = circle.iter().filter(|file| !rows.contains_key(file.as_str()));
+            let new: Vec<&str> = new.map(String::as_str).collect();
+            explained += &format!(
+                "{} files import each other, {most} are allowed; new among them: {}. Move what a file takes from its \
+                 parent into a file of its own, or hand it over as an argument. All of them:\n  {}\n",
+                circle.len(),
+                new.join(", "),
+                circle.join("\n  ")
+            );
+        }
+    }
+    Some(explained).filter(|explained| !explained.is_empty())
+}
+
+#[test]
+fn circles_through_parent_modules_only_become_smaller() {
+    let circles = larger_than(2, &source::all(root()), ParentImports::Counted);
+    let refusal = grown(&circles, &budget::read("circles").unwrap_or_default());
+    budget::settle("circles", &print(&circles), refusal);
+}
+
+#[test]
+fn a_circle_may_lose_files_or_fall_apart_and_may_not_grow() {
+    let circle = |files: &[&str]| files.iter().map(|file| (*file).to_owned()).collect::<Vec<String>>();
+    let before = print(&[circle(&["src/a.rs", "src/a/b.rs", "src/a/c.rs", "src/a/d.rs"])]);
+    assert_eq!(
+        before,
+        "file,circle\nsrc/a.rs,src/a.rs\nsrc/a/b.rs,src/a.rs\nsrc/a/c.rs,src/a.rs\nsrc/a/d.rs,src/a.rs\n"
+    );
+    let is_grown = |files: &[&str]| grown(&[circle(files)], &before).is_some();
+    assert!(!is_grown(&["src/a.rs", "src/a/b.rs", "src/a/c.rs"]));
+    assert!(!is_grown(&["src/a.rs", "src/a/b.rs", "src/a/c.rs", "src/a/renamed.rs"]));
+    assert!(is_grown(&["src/e.rs", "src/f.rs", "src/g.rs"]));
+    let files = ["src/a.rs", "src/a/b.rs", "src/a/c.rs", "src/a/d.rs", "src/e.rs"];
+    let explained = grown(&[circle(&files)], &before).unwrap();
+    assert!(explained.starts_with("5 files import each other, 4 are allowed; new among them: src/e.rs."));
+}
+
 /// A source file of this path with this code.
 fn source(path: &str, code: &str) -> Source {
-    Source { path: path.to_owned(), text: code.to_owned(), code: code.to_owned() }
+    Source { path: path.to_owned(), text: code.to_owned(), code: code.to_owned(), tests: Vec::new() }
 }
 
 #[test]
@@ -134,10 +203,26 @@ fn a_circle_is_found_through_what_is_handed_on_and_not_between_a_module_and_its_
         source("src/c.rs", "use super::d::{E, D};"),
         source("src/d.rs", "use crate::e::E;"),
     ];
-    assert!(larger_than(1, &sources).is_empty());
+    let ignored = |most, sources: &[Source]| larger_than(most, sources, ParentImports::Ignored);
+    assert!(ignored(1, &sources).is_empty());
     sources[4].code = "use crate::{a::A, e::E};".to_owned();
     let circle: Vec<String> =
         ["src/a.rs", "src/b/inner.rs", "src/c.rs", "src/d.rs"].map(str::to_owned).to_vec();
-    assert_eq!(larger_than(3, &sources), [circle]);
-    assert!(larger_than(4, &sources).is_empty());
+    assert_eq!(ignored(3, &sources), [circle]);
+    assert!(ignored(4, &sources).is_empty());
+}
+
+#[test]
+fn an_import_of_a_parent_module_counts_where_it_is_asked_for() {
+    let sources = vec![
+        source("src/lib.rs", "pub mod a;\npub mod b;\npub struct Root;"),
+        source("src/a.rs", "mod inner;\nmod other;\nuse inner::Inner;\npub struct A;"),
+        source("src/a/inner.rs", "use crate::a::A;\nuse super::other::Other;\npub struct Inner;"),
+        source("src/a/other.rs", "use super::A;\npub struct Other;"),
+        source("src/b.rs", "mod leaf;\nuse crate::Root;\nuse leaf::Leaf;"),
+        source("src/b/leaf.rs", "pub(in crate::b) struct Leaf;"),
+    ];
+    assert!(larger_than(1, &sources, ParentImports::Ignored).is_empty());
+    let circle: Vec<String> = ["src/a.rs", "src/a/inner.rs", "src/a/other.rs"].map(str::to_owned).to_vec();
+    assert_eq!(larger_than(1, &sources, ParentImports::Counted), [circle]);
 }

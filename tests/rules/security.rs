@@ -1,4 +1,4 @@
-//! What is said of security: each promise has its test, whoever finds a weakness knows where to go, and is told what became of it.
+//! Promises about security: each has its test. SECURITY.md says where to report a weakness, and what happens then.
 
 use std::os::unix::fs::PermissionsExt;
 
@@ -25,7 +25,7 @@ fn rows(text: &str) -> Vec<Vec<&str>> {
     rows
 }
 
-/// What is between backticks and made of words is the name of a test; what lies below `tests` is a script that is one.
+/// Tests that a cell names: words between backticks are the name of a test, a path below `tests` is a script.
 fn tests(cell: &str) -> Vec<&str> {
     let quoted = cell.split('`').skip(1).step_by(2);
     let is_word = |name: &str| !name.contains(|c: char| !c.is_alphanumeric() && c != '_');

@@ -1,6 +1,9 @@
-//! Rust text without what is no code, and the paths in it that begin at the crate.
+//! Rust text without comments, strings and tests, and the paths in it that begin at the crate.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
+
+use super::lexer;
 
 /// A source file whose comments, strings and test modules are gone.
 pub(super) struct Source {
@@ -8,11 +11,18 @@ pub(super) struct Source {
     pub(super) path: String,
     /// As it is on disk.
     pub(super) text: String,
-    /// Code only.
+    /// Code only: comments, strings and test modules are blank. Byte positions are those of `text`.
     pub(super) code: String,
+    /// Byte ranges of the items that only tests see.
+    pub(super) tests: Vec<Range<usize>>,
 }
 
 impl Source {
+    /// The text with its test modules blank; comments and strings are there.
+    pub(super) fn product(&self) -> String {
+        blank(&self.text, self.tests.iter().cloned())
+    }
+
     /// The crate it belongs to, by its directory: `crates/core`; empty for the program.
     pub(super) fn home(&self) -> &str {
         self.path.split_once("src/").map_or("", |(home, _)| home.trim_end_matches('/'))
@@ -86,8 +96,10 @@ impl Source {
     }
 }
 
+/// Whether a path begins here. The path of `pub(in …)` imports nothing.
 fn is_a_beginning(code: &str, at: usize) -> bool {
-    !code[..at].chars().next_back().is_some_and(|c| c.is_alphanumeric() || c == '_' || c == ':')
+    let before = &code[..at];
+    !before.ends_with(|c: char| c.is_alphanumeric() || c == '_' || c == ':') && !before.ends_with("pub(in ")
 }
 
 fn line_of(code: &str, at: usize) -> String {
@@ -141,9 +153,10 @@ pub(super) fn all(root: &Path) -> Vec<Source> {
         let text = std::fs::read_to_string(&file).unwrap();
         let path = file.strip_prefix(root).unwrap().to_str().unwrap().to_owned();
         let bare = bare(&text);
-        let (code, mut declared) = without_tests(&bare, &path);
+        let (ranges, mut declared) = test_items(&bare, &path);
         tests.append(&mut declared);
-        sources.push(Source { path, text, code });
+        let code = blank(&bare, ranges.iter().cloned());
+        sources.push(Source { path, text, code, tests: ranges });
     }
     let is_test = |path: &str| {
         tests.iter().any(|test| path == format!("{test}.rs") || path.starts_with(&format!("{test}/")))
@@ -163,89 +176,44 @@ fn walk(directory: &Path, files: &mut Vec<PathBuf>) {
     }
 }
 
-/// Comments and the contents of strings become blanks; lines stay lines.
+/// The text with comments, strings and characters blank.
 fn bare(text: &str) -> String {
-    let mut code = String::with_capacity(text.len());
-    let mut rest = text;
-    while let Some(c) = rest.chars().next() {
-        let skipped = if rest.starts_with("//") {
-            rest.find('\n').unwrap_or(rest.len())
-        } else if rest.starts_with("/*") {
-            rest.find("*/").map_or(rest.len(), |end| end + 2)
-        } else if let Some(length) = raw_string(rest) {
-            length
-        } else if c == '"' {
-            quoted(rest)
-        } else if c == '\'' {
-            character(rest)
-        } else {
-            0
-        };
-        if skipped == 0 {
-            code.push(c);
-            rest = &rest[c.len_utf8()..];
-        } else {
-            code.extend(rest[..skipped].chars().map(|c| if c == '\n' { '\n' } else { ' ' }));
-            rest = &rest[skipped..];
+    blank(text, lexer::pieces(text).into_iter().map(|piece| piece.range))
+}
+
+/// The text with these byte ranges blank. Lines and byte positions stay as they are.
+fn blank(text: &str, ranges: impl IntoIterator<Item = Range<usize>>) -> String {
+    let mut bytes = text.as_bytes().to_vec();
+    for range in ranges {
+        for byte in &mut bytes[range] {
+            if *byte != b'\n' {
+                *byte = b' ';
+            }
         }
     }
-    code
+    String::from_utf8(bytes).unwrap()
 }
 
-/// The length of `r#"…"#`, where one begins here.
-fn raw_string(rest: &str) -> Option<usize> {
-    let marks = rest.strip_prefix('r')?;
-    let count = marks.bytes().take_while(|byte| *byte == b'#').count();
-    marks[count..].strip_prefix('"')?;
-    let end = format!("\"{}", "#".repeat(count));
-    let begin = 1 + count + 1;
-    Some(rest[begin..].find(&end).map_or(rest.len(), |at| begin + at + end.len()))
-}
-
-fn quoted(rest: &str) -> usize {
-    let mut escaped = false;
-    for (at, c) in rest.char_indices().skip(1) {
-        match c {
-            '"' if !escaped => return at + 1,
-            _ => escaped = c == '\\' && !escaped,
-        }
-    }
-    rest.len()
-}
-
-/// The length of a character; a lifetime has none.
-fn character(rest: &str) -> usize {
-    let mut chars = rest.char_indices().skip(1);
-    match chars.next() {
-        Some((_, '\\')) => rest[3..].find('\'').map_or(rest.len(), |at| at + 4),
-        Some(_) => match chars.next() {
-            Some((at, '\'')) => at + 1,
-            _ => 0,
-        },
-        None => 0,
-    }
-}
-
-/// The code without its inline test modules, and the test modules that lie in files of their own.
-fn without_tests(code: &str, path: &str) -> (String, Vec<String>) {
+/// The byte ranges of the items that only tests see, and the test modules that lie in files of their own.
+fn test_items(code: &str, path: &str) -> (Vec<Range<usize>>, Vec<String>) {
+    let mark = "#[cfg(test)]";
+    let mut ranges = Vec::new();
     let mut declared = Vec::new();
-    let mut kept = String::new();
-    let mut rest = code;
-    while let Some(at) = rest.find("#[cfg(test)]") {
-        kept.push_str(&rest[..at]);
-        let item = &rest[at + "#[cfg(test)]".len()..];
-        let end = item.find([';', '{']).unwrap_or(item.len());
-        let name = item[..end].split_whitespace().skip_while(|word| *word != "mod").nth(1);
-        if item[end..].starts_with(';') {
+    let mut at = 0;
+    while let Some(begin) = code[at..].find(mark).map(|found| at + found) {
+        let item = begin + mark.len();
+        let head = code[item..].find([';', '{']).map_or(code.len(), |found| item + found);
+        let name = code[item..head].split_whitespace().skip_while(|word| *word != "mod").nth(1);
+        at = if code[head..].starts_with(';') {
             let of = path.trim_end_matches(".rs").trim_end_matches("/mod");
             declared.extend(name.map(|name| format!("{of}/{name}")));
-            rest = &item[end + 1..];
+            head + 1
         } else {
-            rest = &item[block(&item[end..]) + end..];
-        }
+            head + block(&code[head..])
+        };
+        ranges.push(begin..at);
     }
-    kept.push_str(rest);
-    (kept, declared)
+    (ranges, declared)
 }
 
 /// The length of a block that begins here.
@@ -267,8 +235,13 @@ fn a_tree_of_uses_is_spread_out_and_what_is_no_code_is_not_seen() {
     let text = "//! crate::comment\nuse crate::{a::B, c::{self, d as e,\n  *}};\nlet s = \"crate::text\"; let c = '\"';\n\
                 fn f<'a>(x: &'a crate::g::H<'a>) {}\n#[cfg(test)]\nmod tests {\n fn t() { crate::hidden::x() } }\n\
                 #[cfg(test)]\nmod elsewhere;\n";
-    let (code, declared) = without_tests(&bare(text), "src/room/file.rs");
-    let source = Source { path: "src/room/file.rs".to_owned(), text: String::new(), code };
+    let (tests, declared) = test_items(&bare(text), "src/room/file.rs");
+    let code = blank(&bare(text), tests.iter().cloned());
+    let source = Source { path: "src/room/file.rs".to_owned(), text: text.to_owned(), code, tests };
+    assert_eq!(source.code.len(), text.len());
+    let product = source.product();
+    assert!(product.contains("crate::text") && product.contains("crate::comment"));
+    assert!(!product.contains("crate::hidden") && product.lines().count() == text.lines().count());
     let paths: Vec<String> = source.crate_paths().iter().map(|path| path.join("::")).collect();
     assert_eq!(paths, ["a::B", "c::self", "c::d", "c::*", "g::H"]);
     assert_eq!(declared, ["src/room/file/elsewhere"]);
@@ -278,7 +251,9 @@ fn a_tree_of_uses_is_spread_out_and_what_is_no_code_is_not_seen() {
 #[test]
 fn a_way_out_of_the_room_is_seen() {
     let at = |path: &str, code: &str| {
-        Source { path: path.to_owned(), text: String::new(), code: code.to_owned() }.escapes()
+        let source =
+            Source { path: path.to_owned(), text: String::new(), code: code.to_owned(), tests: Vec::new() };
+        source.escapes()
     };
     assert_eq!(at("src/room/file.rs", "use super::shared::Shared;"), Vec::<String>::new());
     assert_eq!(at("src/room/file.rs", "use super::super::cli::X;"), ["use super::super::cli::X;"]);
